@@ -1,0 +1,40 @@
+# Every target sets up what it needs: a virtual environment in .venv, and on a bare machine the two
+# system libraries that OpenGL needs.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: help setup demo test test-fast lint format clean
+
+help:            ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
+
+setup: $(VENV)/.ready  ## make the virtual environment
+
+$(VENV)/.ready: pyproject.toml constraints.txt
+	@sh .ci/system-libraries
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[view,dev]'
+	@touch $@
+
+demo: setup      ## the main job on the built-in sequence, ending in pictures (demo-output/)
+	$(BIN)/asglight demo -o demo-output
+
+test: setup      ## all tests
+	$(BIN)/python -m pytest
+
+test-fast: setup ## the tests of less than ten seconds each
+	$(BIN)/python -m pytest -m 'not slow'
+
+lint: setup      ## ruff and pyright
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+format: setup    ## let ruff rewrite the sources
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:           ## remove what the targets made
+	rm -rf $(VENV) demo-output test-artifacts dist .pytest_cache .ruff_cache .hypothesis

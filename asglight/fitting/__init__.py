@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From radiance maps to lobe tracks: losses, seeding, first frame, following, whole shot."""

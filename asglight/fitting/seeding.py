@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the lobes of a first frame start: flux-weighted splitting, then EM with second moments.
+
+A map is a density of flux over the sphere. It is cut into N clusters of cells by variance, each
+time the cluster with the largest flux times variance along its principal axis, in the spirit of
+the variance-minimisation cut [Viriyothai and Debevec 2009]. Expectation-maximisation then fits a
+mixture of lobe densities to the flux [Banerjee et al. 2005 for the isotropic case]: each lobe takes
+its share of every cell and moves to the mean and the in-plane covariance of what it took. Flux is
+kept exactly: each lobe's amplitude is the RGB flux it took over its integral.
+
+A cell is a block of texels, or one texel where the map is bright. It is represented by its flux and
+by the exact first and second moments of direction within it, so a lamp of one texel stays as narrow
+as it is.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from asglight.lobes import Form, Lobes, asg
+from asglight.lobes.frames import axes_around
+from asglight.sphere import latlong
+
+CELL_HEIGHT = 64
+EM_STEPS = 30
+
+BRIGHT_SHARE = 5e-4
+"""Flux share from which a block is taken apart into its texels. At most 2,000 blocks can be."""
+
+WIDTH_MIN_TEXELS = 0.35
+"""Sigma of the narrowest lobe, in texels of the map. A square texel's own standard deviation is
+0.29; below it the width can no longer be told from the map."""
+
+SHARE_MIN = 1e-9
+"""Flux share below which a lobe takes part in no M-step: it would divide by rounding."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A map as C cells.
+
+    Attributes:
+        flux: RGB flux of each cell.  [C, 3]
+        weight: Flux summed over RGB, over that of the whole map.  [C]
+        mean: Flux-weighted mean of direction in the cell; its length is below 1.  [C, 3]
+        second: Flux-weighted mean of the outer product of direction.  [C, 3, 3]
+        variance_min: Smallest variance a lobe may have along an axis, radians squared.
+    """
+
+    flux: Tensor
+    weight: Tensor
+    mean: Tensor
+    second: Tensor
+    variance_min: float
+
+
+def cells(reference: Tensor) -> Cells:
+    """Gather a map into blocks of at least 1/64 of its height, and texels where it is bright.
+
+    Blocks without flux are left out; a black map gives one empty cell.
+
+    Args:
+        reference: Radiance.  [H, W, 3]
+    """
+    height, width, _ = reference.shape
+    rows, columns = min(CELL_HEIGHT, height), min(2 * CELL_HEIGHT, width)
+    features = _moment_features(reference)
+    solid_angle = latlong.texel_solid_angles(height, width, dtype=torch.float64)
+    fine = (features * solid_angle.to(features)[..., None]).reshape(-1, 15)
+    block_area = latlong.texel_solid_angles(rows, columns, dtype=torch.float64).to(features)
+    coarse = (latlong.reduce(features, rows, columns) * block_area[..., None]).reshape(-1, 15)
+    power = coarse[:, :3].sum(-1)
+    bright = power > BRIGHT_SHARE * power.sum()
+    if height % rows == 0 and width % columns == 0 and height > rows:
+        inside = bright.reshape(rows, columns).repeat_interleave(height // rows, 0)
+        inside = inside.repeat_interleave(width // columns, 1).reshape(-1)
+        summed = torch.cat([coarse[~bright], fine[inside]])
+    else:
+        summed = coarse
+    power = summed[:, :3].sum(-1)
+    lit = power > 0
+    if not bool(lit.any()):
+        lit[0] = True
+    summed, power = summed[lit], power[lit].clamp(min=torch.finfo(torch.float64).tiny)
+    return Cells(
+        flux=summed[:, :3],
+        weight=power / power.sum(),
+        mean=summed[:, 3:6] / power[:, None],
+        second=summed[:, 6:].reshape(-1, 3, 3) / power[:, None, None],
+        variance_min=(WIDTH_MIN_TEXELS * math.pi / height) ** 2,
+    )
+
+
+def _moment_features(reference: Tensor) -> Tensor:
+    """Return RGB, and the power times direction and times its outer product.  [H, W, 15]."""
+    height, width, _ = reference.shape
+    directions = latlong.directions(height, width, dtype=torch.float64, device=reference.device)
+    outer = (directions[..., :, None] * directions[..., None, :]).flatten(2)
+    radiance = reference.double()
+    power = radiance.sum(-1, keepdim=True)
+    return torch.cat([radiance, power * directions, power * outer], dim=-1)
+
+
+def split(source: Cells, count: int) -> Tensor:
+    """Cut the cells into clusters of small flux-weighted variance.
+
+    Returns:
+        Cluster index of each cell, below `count`; fewer clusters where cells run out.  [C]
+    """
+    labels = torch.zeros(len(source.weight), dtype=torch.long, device=source.weight.device)
+    spreads = [_principal_spread(source, labels == 0)]
+    for new in range(1, count):
+        chosen = max(range(len(spreads)), key=lambda index: spreads[index][0])
+        size, axis, middle = spreads[chosen]
+        if size <= 0:
+            break
+        members = labels == chosen
+        labels[members & (source.mean @ axis > middle)] = new
+        spreads[chosen] = _principal_spread(source, labels == chosen)
+        spreads.append(_principal_spread(source, labels == new))
+    return labels
+
+
+def _principal_spread(source: Cells, members: Tensor) -> tuple[float, Tensor, float]:
+    """Return flux x variance along the principal axis, that axis, and the mean along it."""
+    if int(members.sum()) < 2:
+        return 0.0, source.mean.new_zeros(3), 0.0
+    weight, mean = source.weight[members], source.mean[members]
+    total = weight.sum()
+    centre = (weight[:, None] * mean).sum(0) / total
+    offset = mean - centre
+    scatter = (weight[:, None] * offset).mT @ offset
+    values, vectors = torch.linalg.eigh(scatter)
+    axis = vectors[:, -1]
+    return float(values[-1]), axis, float(centre @ axis)
+
+
+def expectation_maximisation(source: Cells, labels: Tensor, count: int, form: Form) -> Lobes:
+    """Fit a mixture of lobe densities to the cells' flux.
+
+    Args:
+        source: The cells.
+        labels: First cluster of each cell.  [C]
+        count: N.
+        form: Lobe function; the densities are isotropic for `sg`, anisotropic otherwise.
+
+    Returns:
+        Lobes in float32 whose flux is the map's.  [N, .]
+    """
+    taken = torch.nn.functional.one_hot(labels, count).to(source.weight)  # [C, N]
+    lobes = _maximisation(source, taken, form, None)
+    for _ in range(EM_STEPS):
+        taken = _expectation(source, lobes, taken)
+        lobes = _maximisation(source, taken, form, lobes)
+    flux = taken.mT @ source.flux  # [N, 3]
+    amplitude = flux / asg.integral(lobes)[:, None]
+    return Lobes(lobes.axes, lobes.sharpness, amplitude, form).to(torch.float32)
+
+
+def _expectation(source: Cells, lobes: Lobes, taken: Tensor) -> Tensor:
+    """Return each lobe's share of each cell, from the densities at the cell's mean.  [C, N]."""
+    share = (source.weight @ taken).clamp(min=torch.finfo(torch.float64).tiny)
+    centre = torch.nn.functional.normalize(source.mean, dim=-1)
+    density = asg.unit_lobes(lobes, centre) / asg.integral(lobes)[:, None]  # [N, C]
+    likelihood = share[:, None] * density
+    # cells that no density reaches go to the nearest lobe
+    unreached = likelihood.sum(0) < 1e-250
+    nearest = torch.nn.functional.one_hot((lobes.axis_z @ centre.mT).argmax(0), lobes.count)
+    likelihood = torch.where(unreached, nearest.mT.to(likelihood), likelihood)
+    return (likelihood / likelihood.sum(0)).mT
+
+
+def _maximisation(source: Cells, taken: Tensor, form: Form, previous: Lobes | None) -> Lobes:
+    """Return the lobes with the mean and covariance of the flux that each took."""
+    weight = source.weight[:, None] * taken  # [C, N]
+    total = weight.sum(0)
+    safe = total.clamp(min=SHARE_MIN)
+    mean = (weight.mT @ source.mean) / safe[:, None]
+    second = torch.einsum("cn,cij->nij", weight, source.second) / safe[:, None, None]
+    alive = (total > SHARE_MIN) & (mean.norm(dim=-1) > 1e-6)
+    if previous is None:
+        fallback = axes_around(mean.new_tensor([0.0, 1.0, 0.0]).expand(len(total), 3))
+        fallback_sharpness = torch.ones_like(mean[:, :2])
+    else:
+        fallback, fallback_sharpness = previous.axes, previous.sharpness
+    axis_z = torch.nn.functional.normalize(mean, dim=-1)
+    axis_z = torch.where(alive[:, None], axis_z, fallback[:, 2])
+    tangent = axes_around(axis_z)[:, :2]  # [N, 2, 3]
+    in_plane = tangent @ second @ tangent.mT
+    variance, vectors = torch.linalg.eigh(in_plane)  # ascending: x is the sharper axis
+    if form is Form.SG:
+        variance = variance.mean(-1, keepdim=True).expand(-1, 2)
+    axes = torch.cat([vectors.mT @ tangent, axis_z[:, None]], dim=1)
+    flip = torch.linalg.det(axes) < 0
+    axes[flip, 0] *= -1
+    sharpness = sharpness_from_variance(variance.clamp(min=source.variance_min), form)
+    return Lobes(
+        torch.where(alive[:, None, None], axes, fallback),
+        torch.where(alive[:, None], sharpness, fallback_sharpness),
+        torch.ones_like(mean),
+        form,
+    )
+
+
+def sharpness_from_variance(variance: Tensor, form: Form) -> Tensor:
+    """Return the sharpness whose lobe has the given mean of x^2; within 2 % for one axis alone.
+
+    For a narrow lobe it is 1 / (2 variance) (sg: 1 / variance). For a broad one the hemisphere
+    bounds x^2: the uniform asg has variance 1/4, which the exponential correction reproduces.
+    """
+    if form is Form.SG:
+        return (1 / variance - 1).clamp(min=asg.SHARPNESS_MIN, max=asg.SHARPNESS_MAX)
+    narrow = 1 / (2 * variance)
+    corrected = narrow - 2 * torch.exp(-0.9 * (narrow - 2).clamp(min=0))
+    return corrected.clamp(min=asg.SHARPNESS_MIN, max=asg.SHARPNESS_MAX)
+
+
+def seed_lobes(reference: Tensor, count: int, form: Form) -> Lobes:
+    """Return starting lobes for a map.  reference: [H, W, 3]; result [N, .]."""
+    source = cells(reference)
+    return expectation_maximisation(source, split(source, count), count, form)

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A whole sequence: frames in order, each started from the one before."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+
+from torch import Tensor
+
+from asglight.fitting import paper
+from asglight.fitting.first_frame import FrameFit, fit_first_frame, mean_radiance
+from asglight.fitting.following import fit_next_frame
+from asglight.fitting.options import FitOptions, Preset
+from asglight.lobes import Lobes, asg
+from asglight.lobes.frames import canonical
+
+StepCallback = Callable[[int, int, float], None]
+"""Called with the step, the number of steps and the loss, where a frame takes long."""
+
+
+def fit_frames(
+    references: Iterable[Tensor],
+    options: FitOptions,
+    previous: Lobes | None = None,
+    on_step: StepCallback | None = None,
+) -> Iterator[FrameFit]:
+    """Fit frames in order, one at a time.
+
+    Args:
+        references: Repaired radiance of each frame.  [H, W, 3]
+        options: Settings.
+        previous: The frame before the first; None starts afresh.
+        on_step: Progress within a frame (`paper` only).
+
+    Yields:
+        The fit of each frame, on the CPU. Nothing of a frame is kept but its lobes.
+    """
+    if previous is not None:
+        previous = previous.to(options.device)
+    for reference in references:
+        fit = fit_frame(reference.to(options.device), options, previous, on_step)
+        previous = fit.lobes
+        yield FrameFit(fit.lobes.to("cpu"), fit.loss, fit.flux_error)
+
+
+def fit_frame(
+    reference: Tensor,
+    options: FitOptions,
+    previous: Lobes | None,
+    on_step: StepCallback | None = None,
+) -> FrameFit:
+    """Fit one frame, from `previous` where there is one."""
+    if options.preset is Preset.PAPER:
+        return _paper_frame(reference, options, previous, on_step)
+    if previous is None:
+        first = fit_first_frame(reference, options.lobes, options.form)
+        return FrameFit(canonical(first.lobes), first.loss, first.flux_error)
+    return fit_next_frame(reference, previous)
+
+
+def _paper_frame(
+    reference: Tensor, options: FitOptions, previous: Lobes | None, on_step: StepCallback | None
+) -> FrameFit:
+    start = previous or paper.start(reference, options.lobes, options.form, options.seed)
+    steps = options.paper_steps[0 if previous is None else 1]
+    report = None if on_step is None else (lambda step, loss: on_step(step, steps, loss))
+    lobes = paper.fit_frame(reference, start, steps=steps, previous=previous, on_step=report)
+    loss = float(paper.frame_loss(lobes, paper.target(reference)))
+    wanted = mean_radiance(reference)
+    found = float(asg.flux(lobes).sum()) / (12 * math.pi)
+    return FrameFit(lobes, loss, found / wanted - 1 if wanted > 0 else 0.0)

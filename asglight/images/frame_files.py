@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which files on disk are the frames of a source: a file, a folder or a pattern.
+
+A pattern is written as studios write it and fileseq parses it: `sky.####.exr`, `sky.%04d.exr`,
+`sky.@@@@.exr`, `sky.$F4.exr`, or with a range, `sky.1001-1048x2#.exr`. The number of pad
+characters is not held against the files, because programs disagree on how many digits a `#` is:
+the frame is the number, however it is padded.
+"""
+
+import difflib
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from fileseq import framesToFrameRange
+from fileseq.exceptions import MaxSizeException
+from fileseq.filesequence import FileSequence
+from fileseq.frameset import FrameSet
+
+from asglight.errors import InputError
+from asglight.images.message import compressed, listing, shown
+
+IMAGE_EXTENSIONS = (".exr", ".hdr", ".pic", ".rgbe")
+
+# `sky.1001.exr` is (`sky.`, 1001, `.exr`). A minus sign belongs to the number only after a dot, an
+# underscore or nothing; in `sky-1001.exr` it is a hyphen. A number that runs on into a word, as in
+# `hdri_4k.exr`, is no frame.
+_NAME = re.compile(
+    r"(?P<base>.*?)(?P<frame>(?:(?:(?<=[._])|^)-)?\d+)?(?P<extension>(?:\.[^\W\d]\w*)*)", re.DOTALL
+)
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """The files of one source.
+
+    Attributes:
+        folder: Where they lie.
+        base: Their name before the frame number.
+        extension: Their name after it.
+        files: Every file that is there, by frame, in ascending order.
+        asked: The frames that the source itself names by a range, None where it names none.
+        still: True for a single image rather than a sequence.
+    """
+
+    folder: Path
+    base: str
+    extension: str
+    files: dict[int, Path]
+    asked: tuple[int, ...] | None = None
+    still: bool = False
+
+    @property
+    def name(self) -> str:
+        """Return a short name: the base without its separator, else the folder's name."""
+        return shown(self.base.rstrip("._- ") or self.folder.resolve().name)
+
+    @property
+    def pattern(self) -> str:
+        """Return the source as a pattern, or the path of a still."""
+        if self.still:
+            return str(next(iter(self.files.values())))
+        frame, first = next(iter(self.files.items()))
+        sign = 1 if frame < 0 else 0
+        digits = len(first.name) - len(self.base) - sign - len(self.extension)
+        return str(self.folder / f"{self.base}{'#' * digits}{self.extension}")
+
+
+def find(source: str | Path) -> FrameFiles:
+    """Find the files of a source.
+
+    Args:
+        source: A file, a folder that holds one image or one image sequence, or a pattern.
+
+    Raises:
+        InputError: Nothing is there, or more than one thing.
+    """
+    if not str(source) or "\0" in str(source):
+        raise InputError("input: is no path; expected a file, a folder or a pattern.")
+    path = Path(source)
+    try:
+        if path.is_dir():
+            return _in_folder(path)
+        if path.exists():
+            return _still(path)
+        return _by_pattern(path)
+    except OSError as error:
+        raise InputError(
+            f"{shown(path)}: cannot be listed ({error.strerror}); expected a readable folder. "
+            "Check the path and the permissions."
+        ) from error
+
+
+def frame_set(text: str, subject: str) -> tuple[int, ...]:
+    """Parse frames such as `1001-1048`, `1001-1048x2` or `5,7,9` into ascending numbers.
+
+    Args:
+        text: The frames.
+        subject: What to call them in a message.
+
+    Raises:
+        InputError: Not a list of whole frames, or an empty one.
+    """
+    try:
+        frames = list(FrameSet(text))
+    except ValueError as error:
+        # fileseq's parser answers in several lines, of which the first names the text only.
+        reason = " (too many)" if isinstance(error, MaxSizeException) else ""
+        raise _not_frames(text, subject, reason) from error
+    if not frames or any(frame != int(frame) for frame in frames):
+        raise _not_frames(text, subject, "")
+    return tuple(sorted({int(frame) for frame in frames}))
+
+
+def ranges(frames: tuple[int, ...] | list[int]) -> str:
+    """Return frames in short: `1017, 1018, 1040`, or by ranges where there are more than eight."""
+    if len(frames) <= 8:
+        return ", ".join(str(frame) for frame in frames)
+    return listing(framesToFrameRange(frames).split(","))
+
+
+def _not_frames(text: str, subject: str, reason: str) -> InputError:
+    return InputError(
+        f"{subject}: {shown(text) or 'nothing'}{reason}; expected whole frames such as "
+        "1001-1048, 1001-1048x2 or 5,7,9."
+    )
+
+
+def _split(name: str) -> tuple[str, int | None, str]:
+    """Split a file name into what precedes the frame, the frame, and what follows."""
+    match = _NAME.fullmatch(name)
+    if match is None or match["frame"] is None:
+        stem, dot, suffix = name.rpartition(".")
+        return (stem, None, dot + suffix) if dot else (name, None, "")
+    return match["base"], int(match["frame"]), match["extension"]
+
+
+def _still(path: Path) -> FrameFiles:
+    """Take one file as a still; its frame is its number after a dot, `sky.1001.exr`, else 1.
+
+    Other numbers in a name are as often a version or a size: `v02.exr`, `venice_2048.exr`.
+    """
+    base, frame, extension = _split(path.name)
+    if frame is None or (base and not base.endswith(".")):
+        stem = path.name.removesuffix(path.suffix)
+        return FrameFiles(path.parent, stem, path.suffix, {1: path}, still=True)
+    return FrameFiles(path.parent, base, extension, {frame: path}, still=True)
+
+
+def _in_folder(folder: Path) -> FrameFiles:
+    groups = _groups(folder)
+    if not groups:
+        others = listing(sorted(entry.name for entry in os.scandir(folder))) or "nothing"
+        raise InputError(
+            f"{shown(folder)}: holds no image ({others}); expected one .exr or .hdr image or "
+            "sequence. Is it in a folder below?"
+        )
+    if len(groups) > 1:
+        raise InputError(
+            f"{shown(folder)}: holds {len(groups)} images or sequences "
+            f"({listing(_titles(groups))}); expected one. Name the one to use."
+        )
+    ((base, extension), names) = next(iter(groups.items()))
+    if len(names) == 1:
+        return _still(folder / names[0])
+    return FrameFiles(folder, base, extension, _by_frame(folder, names, base, extension))
+
+
+def _groups(folder: Path) -> dict[tuple[str, str], list[str]]:
+    """Return the images of a folder by what precedes and follows their frame number."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name in sorted(os.listdir(folder)):
+        # Hidden names are the leftovers of file systems and of interrupted writers.
+        if name.startswith(".") or not name.lower().endswith(IMAGE_EXTENSIONS):
+            continue
+        base, frame, extension = _split(name)
+        groups.setdefault((base, extension) if frame is not None else (name, ""), []).append(name)
+    return groups
+
+
+def _titles(groups: dict[tuple[str, str], list[str]]) -> list[str]:
+    """Name groups as a user would: a still by its file, a sequence by its pattern and frames."""
+    titles = []
+    for (base, extension), names in groups.items():
+        frames = sorted(frame for _, frame, _ in map(_split, names) if frame is not None)
+        is_still = len(names) == 1
+        titles.append(names[0] if is_still else f"{base}####{extension} {frames[0]}-{frames[-1]}")
+    return titles
+
+
+def _by_frame(folder: Path, names: list[str], base: str, extension: str) -> dict[int, Path]:
+    """Return those files by frame whose name is the base, a frame number and the extension."""
+    sign = "-?" if not base or base[-1] in "._" else ""
+    frame_file = re.compile(f"{re.escape(base)}({sign}[0-9]+){re.escape(extension)}")
+    files: dict[int, Path] = {}
+    for match in filter(None, map(frame_file.fullmatch, names)):
+        frame = int(match[1])
+        if frame in files:
+            raise InputError(
+                f"{shown(folder)}: frame {frame} is there twice ({shown(files[frame].name)}, "
+                f"{shown(match[0])}); expected one file a frame. Remove one."
+            )
+        files[frame] = folder / match[0]
+    return dict(sorted(files.items()))
+
+
+def _by_pattern(path: Path) -> FrameFiles:
+    folder = path.parent
+    if not folder.is_dir():
+        raise InputError(
+            f"{shown(path)}: there is no folder {shown(folder)}; expected a file, a folder or a "
+            "pattern such as sky.####.exr. Check the path."
+        )
+    try:
+        pattern = FileSequence(path.name)
+    except ValueError as error:
+        raise InputError(
+            f"{shown(path)}: is no pattern ({compressed(str(error))}); expected one such as "
+            "sky.####.exr or sky.1001-1048#.exr."
+        ) from error
+    padding = str(pattern.padding())
+    # For a plain `sky.1001.exr` fileseq makes up a padding; in a pattern it is written out.
+    if not padding or padding not in path.name:
+        raise _nothing(path, "is not there")
+    base, extension, text = pattern.basename(), pattern.extension(), pattern.frameRange()
+    files = _by_frame(folder, sorted(os.listdir(folder)), base, extension)
+    if not files:
+        raise _nothing(path, f"no file is named {shown(base)}<frame>{shown(extension)}")
+    asked = frame_set(text, shown(path)) if text else None
+    return FrameFiles(folder, base, extension, files, asked)
+
+
+def _nothing(path: Path, found: str) -> InputError:
+    """Say what is missing and what comes closest in the same folder."""
+    titles = _titles(_groups(path.parent))
+    nearest = difflib.get_close_matches(path.name, titles, n=1, cutoff=0) or ["no image at all"]
+    return InputError(
+        f"{shown(path)}: {found}; expected a file, a folder or a pattern such as sky.####.exr. "
+        f"Nearest in that folder: {shown(nearest[0])}."
+    )

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An image sequence: which frames it has, which are missing, and reading them one at a time.
+
+A still is a sequence of one frame. Nothing is kept between two reads, so the memory needed does
+not grow with the length.
+"""
+
+import bisect
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, get_args
+
+from asglight.errors import InputError
+from asglight.images import frame_files
+from asglight.images.frame_files import FrameFiles, frame_set, ranges
+from asglight.images.latlong_image import LatlongImage, check_height, read_header, read_latlong
+from asglight.images.message import shown
+
+# Over an hour at 24 frames a second; beyond it a number in a file name is a date, not a frame.
+FRAMES_MAX = 100_000
+
+Missing = Literal["error", "hold", "interpolate"]
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Latlong images by frame number.
+
+    Iteration yields one `LatlongImage` a frame, in the order of `frames`, each read when its turn
+    comes.
+
+    Attributes:
+        source: The files on disk.
+        frames: Frame numbers to use, ascending; they are the USD time codes.
+        missing_frames: Those of `frames` without a file.
+        missing: What stands in for them: the frame before (`hold`) or the neighbours' mean by
+            distance in time, in radiance (`interpolate`). At either end the nearest frame is held.
+        height: Rows that larger images are reduced to; None keeps their size.
+        layer: Layer or part to read; None for the plain image.
+    """
+
+    source: FrameFiles
+    frames: tuple[int, ...]
+    missing_frames: tuple[int, ...] = ()
+    missing: Missing = "error"
+    height: int | None = None
+    layer: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Return a short name, `sky` for `sky.####.exr`."""
+        return self.source.name
+
+    @property
+    def pattern(self) -> str:
+        """Return the files as a pattern, one `#` a digit; for a still, its path."""
+        return self.source.pattern
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.frames)
+
+    def __iter__(self) -> Iterator[LatlongImage]:
+        """Read the frames one after the other."""
+        return map(self.read, self.frames)
+
+    def path(self, frame: int) -> Path:
+        """Return the file a frame is read from; for a missing one, the first that stands in.
+
+        Raises:
+            InputError: The sequence has no such frame.
+        """
+        return self.source.files[self._read_from(frame)[0]]
+
+    def read(self, frame: int) -> LatlongImage:
+        """Read a frame; `repair` says when another one, or two, stand in for it.
+
+        Raises:
+            InputError: The sequence has no such frame, or its file cannot be used.
+        """
+        sources = self._read_from(frame)
+        if sources == (frame,):
+            return self._read_file(frame)
+        before = self._read_file(sources[0])
+        if len(sources) == 1:
+            radiance, account = before.radiance, before.repair
+        else:
+            after = self._read_file(sources[1])
+            weight = (frame - sources[0]) / (sources[1] - sources[0])
+            radiance = before.radiance.lerp(after.radiance, weight)
+            account = before.repair.merged(after.repair)
+        account = dataclasses.replace(account, filled_from=sources)
+        return dataclasses.replace(before, radiance=radiance, repair=account)
+
+    def _read_from(self, frame: int) -> tuple[int, ...]:
+        """Return the existing frames that a frame is made of: itself, one, or two neighbours."""
+        if frame not in self.frames:
+            raise InputError(
+                f"{self.name}: has no frame {frame}; expected one of {ranges(self.frames)}."
+            )
+        if frame in self.source.files:
+            return (frame,)
+        existing = list(self.source.files)
+        after = bisect.bisect(existing, frame)
+        if after == 0:
+            return (existing[0],)
+        if after == len(existing) or self.missing != "interpolate":
+            return (existing[after - 1],)
+        return (existing[after - 1], existing[after])
+
+    def _read_file(self, frame: int) -> LatlongImage:
+        path = self.source.files[frame]
+        image = read_latlong(path, height=self.height, layer=self.layer)
+        height, width = image.radiance.shape[:2]
+        if height != self._height_of_all:
+            raise InputError(
+                f"{shown(path)}: frame {frame} is {width} x {height}; expected "
+                f"{2 * self._height_of_all} x {self._height_of_all} as frame {self._first} is. "
+                "Use a --height no larger than the smallest frame."
+            )
+        return image
+
+    @cached_property
+    def _first(self) -> int:
+        return self._read_from(self.frames[0])[0]
+
+    @cached_property
+    def _height_of_all(self) -> int:
+        """Return the rows of the first frame, which every other one must have."""
+        rows = read_header(self.source.files[self._first], self.layer).height
+        return rows if self.height is None else min(rows, self.height)
+
+
+def open_sequence(
+    source: str | Path,
+    *,
+    frames: str | None = None,
+    missing: Missing = "error",
+    height: int | None = None,
+    layer: str | None = None,
+) -> Sequence:
+    """Find the frames of a still, a folder or a pattern; read none of them.
+
+    Without `frames` and without a range in the pattern, the frames are those on disk, from the
+    first to the last, by the largest step that meets them all: 1001, 1003, 1007 is a sequence on
+    twos that lacks 1005.
+
+    Args:
+        source: A file; a folder that holds one image or one sequence; or a pattern such as
+            `sky.####.exr`, `sky.%04d.exr`, `sky.@@@@.exr`, `sky.1001-1048x2#.exr`.
+        frames: Frames to use, such as `1001-1048`, `1001-1048x2` or `5,7,9`.
+        missing: `error`, or what stands in for a missing frame: `hold` or `interpolate`.
+        height: Rows that larger images are reduced to; None keeps their size.
+        layer: Layer or part of OpenEXR files; None takes the plain R, G, B, else the only layer.
+
+    Raises:
+        InputError: Nothing is there, or it is not one sequence, or frames are missing.
+    """
+    check_height(height)
+    if missing not in get_args(Missing):
+        raise InputError(
+            f"missing: {shown(missing)}; expected one of {', '.join(get_args(Missing))}."
+        )
+    found = frame_files.find(source)
+    wanted = _wanted(found, frames)
+    absent = tuple(frame for frame in wanted if frame not in found.files)
+    if len(absent) == len(wanted):
+        raise InputError(
+            f"{found.name}: has none of the frames {ranges(wanted)}; expected some of "
+            f"{ranges(tuple(found.files))}, which are there. Check the frame range."
+        )
+    if absent and missing == "error":
+        count = f"{len(absent)} {'frame' if len(absent) == 1 else 'frames'} missing"
+        raise InputError(
+            f"{found.name}: {count} ({ranges(absent)}); expected every frame of "
+            f"{_span(wanted)}. Use --missing hold or --missing interpolate."
+        )
+    return Sequence(found, wanted, absent, missing, height, layer)
+
+
+def _wanted(found: FrameFiles, frames: str | None) -> tuple[int, ...]:
+    """Return the frames to use, whether or not they are there."""
+    if frames is None:
+        return found.asked or _regular(tuple(found.files))
+    wanted = frame_set(frames, "frames")
+    outside = tuple(sorted(set(wanted) - set(found.asked or wanted)))
+    if outside:
+        raise InputError(
+            f"frames: {ranges(outside)}; expected only frames of the pattern, "
+            f"{ranges(found.asked or ())}. Change one of the two ranges."
+        )
+    return wanted
+
+
+def _regular(existing: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the frames from first to last, by the largest step that meets all that exist."""
+    step = math.gcd(*(after - before for before, after in itertools.pairwise(existing))) or 1
+    if (existing[-1] - existing[0]) // step >= FRAMES_MAX:
+        raise InputError(
+            f"frames: run from {existing[0]} to {existing[-1]}; expected fewer than {FRAMES_MAX}. "
+            "Is one of the numbers a date or a version? Give --frames."
+        )
+    return tuple(range(existing[0], existing[-1] + 1, step))
+
+
+def _span(frames: tuple[int, ...]) -> str:
+    return str(frames[0]) if len(frames) == 1 else f"{frames[0]}-{frames[-1]}"

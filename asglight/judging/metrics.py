@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How wrong a fit is: the errors that every table and report of asglight uses.
+
+The truth is the map with negative and non-finite texels set to 0. Texels weigh by their exact solid
+angle, RGB is summed, lobes narrower than a texel are integrated over it. Filtered radiance is taken
+at 768 Fibonacci directions; max and mean run over directions and channels alike.
+
+    env      sum omega |fit - ref| / sum omega ref
+    flux     |sum omega fit / sum omega ref - 1|
+    irr      sum |dE| / sum E        E: irradiance (Lambert's cosine)
+    irrMax   max |dE| / mean E
+    r0.5     sum |dL| / sum L        L: GGX-filtered radiance, N = V = R, alpha = roughness^2
+    r0.25    the same at roughness 0.25
+    flicker  sum over frames and directions of |change of fit - change of ref| / sum of ref,
+             of the r0.25 radiance from each frame to the next
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from asglight.lobes import Lobes, texels
+from asglight.shading import kernels
+from asglight.sphere import latlong
+from asglight.sphere.quadrature import fibonacci_directions
+
+DIRECTION_COUNT = 768
+METRIC_NAMES = ("env", "flux", "irr", "irrMax", "r0.5", "r0.25")
+
+
+@dataclass(frozen=True)
+class FrameErrors:
+    """The errors of one frame, and the filtered radiance that flicker needs.
+
+    Attributes:
+        values: Metric name to value, in the order of `METRIC_NAMES`.
+        fit_filtered: r0.25 radiance of the fit.  [P, 3]
+        reference_filtered: The same of the reference.  [P, 3]
+    """
+
+    values: dict[str, float]
+    fit_filtered: Tensor = field(repr=False)
+    reference_filtered: Tensor = field(repr=False)
+
+
+def frame_errors(lobes: Lobes, reference: Tensor) -> FrameErrors:
+    """Judge the lobes of one frame against its map.
+
+    Args:
+        lobes: N lobes.  [N, .]
+        reference: Repaired radiance.  [H, W, 3]
+    """
+    height, width, _ = reference.shape
+    return map_errors(texels.texel_means(lobes.to(torch.float32), height, width), reference)
+
+
+def map_errors(fit: Tensor, reference: Tensor) -> FrameErrors:
+    """Judge a reconstructed map against the reference, both [H, W, 3].
+
+    A black reference has no scale: its errors are 0 for a black fit and infinite otherwise.
+    """
+    height, width, _ = reference.shape
+    solid_angle = latlong.texel_solid_angles(height, width, dtype=torch.float64)[..., None]
+    reference_flux = (solid_angle * reference).sum()
+    values = {
+        "env": _ratio((solid_angle * (fit - reference).abs()).sum(), reference_flux),
+        "flux": _ratio(((solid_angle * fit).sum() - reference_flux).abs(), reference_flux),
+    }
+    directions = fibonacci_directions(DIRECTION_COUNT, dtype=fit.dtype)
+    both = torch.stack([fit, reference])
+    irradiance = kernels.filtered(both, kernels.LAMBERT, directions).double()
+    difference = (irradiance[0] - irradiance[1]).abs()  # [P, 3]
+    values["irr"] = _ratio(difference.sum(), irradiance[1].sum())
+    values["irrMax"] = _ratio(difference.max(), irradiance[1].mean())
+    rough = kernels.filtered(both, 0.5, directions).double()
+    values["r0.5"] = _ratio((rough[0] - rough[1]).abs().sum(), rough[1].sum())
+    glossy = kernels.filtered(both, 0.25, directions).double()
+    values["r0.25"] = _ratio((glossy[0] - glossy[1]).abs().sum(), glossy[1].sum())
+    return FrameErrors(values, glossy[0], glossy[1])
+
+
+@dataclass(frozen=True)
+class SequenceErrors:
+    """The errors of a sequence.
+
+    Attributes:
+        frames: Frame number to its metrics.
+        mean: Mean of each metric over the frames; of flicker, the sequence's value.
+        worst: Frame number with the largest value of each metric.
+    """
+
+    frames: dict[int, dict[str, float]]
+    mean: dict[str, float]
+    worst: dict[str, int]
+
+
+def sequence_errors(judged: Iterable[tuple[int, FrameErrors]]) -> SequenceErrors:
+    """Gather per-frame errors in frame order; holds one frame's filtered radiance at a time."""
+    rows: dict[int, dict[str, float]] = {}
+    change, total = 0.0, 0.0
+    previous: FrameErrors | None = None
+    for frame, errors in judged:
+        rows[frame] = errors.values
+        total += float(errors.reference_filtered.sum())
+        if previous is not None:
+            fit_change = errors.fit_filtered - previous.fit_filtered
+            reference_change = errors.reference_filtered - previous.reference_filtered
+            change += float((fit_change - reference_change).abs().sum())
+        previous = errors
+    mean = {name: _mean(row[name] for row in rows.values()) for name in METRIC_NAMES}
+    if len(rows) > 1:
+        mean["flicker"] = change / total if total > 0 else (0.0 if change == 0 else float("inf"))
+    worst = {name: max(rows, key=lambda frame: rows[frame][name]) for name in METRIC_NAMES}
+    return SequenceErrors(rows, mean, worst)
+
+
+def _mean(values: Iterator[float]) -> float:
+    listed = list(values)
+    return sum(listed) / len(listed)
+
+
+def _ratio(part: Tensor, whole: Tensor) -> float:
+    if float(whole) > 0:
+        return float(part) / float(whole)
+    return 0.0 if float(part) == 0 else float("inf")

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lobes and lobe tracks as plain data.
+
+A lobe is one anisotropic spherical Gaussian (ASG): an orthonormal frame whose z axis points at the
+light, two sharpnesses along the frame's x and y, and the RGB radiance at the lobe's centre. A track
+is one lobe followed over frames: index N means the same light in every frame.
+
+Dimension letters: F frames, N lobes, 3 RGB or xyz.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any, Self
+
+import torch
+from torch import Tensor
+
+
+class Form(StrEnum):
+    """The function of direction that a lobe stands for; x, y, z are components in its frame."""
+
+    ASG = "asg"
+    """`max(z, 0) exp(-sx x^2 - sy y^2)` (Xu et al. 2013). The default."""
+    BINGHAM = "bingham"
+    """`exp(-sx x^2 - sy y^2)` (Clausen et al. 2024, taken literally): the same at d and -d."""
+    SG = "sg"
+    """`exp(s (z - 1))`, isotropic; both sharpnesses hold s."""
+
+
+@dataclass(frozen=True)
+class Lobes:
+    """N lobes of one form, with any leading batch shape.
+
+    Attributes:
+        axes: Rows axis_x, axis_y, axis_z of a right-handed orthonormal frame.  [..., N, 3, 3]
+        sharpness: (sx, sy), dimensionless, > 0.  [..., N, 2]
+        amplitude: Linear RGB radiance at axis_z, >= 0.  [..., N, 3]
+        form: The lobe function, the same for all lobes.
+    """
+
+    axes: Tensor
+    sharpness: Tensor
+    amplitude: Tensor
+    form: Form = Form.ASG
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        batch = self.axes.shape[:-2]
+        for name, expected in (("axes", (3, 3)), ("sharpness", (2,)), ("amplitude", (3,))):
+            shape = getattr(self, name).shape
+            if tuple(shape) != (*batch, *expected):
+                wanted = ", ".join(["..., N", *map(str, expected)])
+                raise ValueError(f"{name}: shape {tuple(shape)}, expected [{wanted}]")
+
+    @property
+    def axis_x(self) -> Tensor:
+        """Direction of the first sharpness.  [..., N, 3]."""
+        return self.axes[..., 0, :]
+
+    @property
+    def axis_y(self) -> Tensor:
+        """Direction of the second sharpness.  [..., N, 3]."""
+        return self.axes[..., 1, :]
+
+    @property
+    def axis_z(self) -> Tensor:
+        """Direction of the light.  [..., N, 3]."""
+        return self.axes[..., 2, :]
+
+    @property
+    def count(self) -> int:
+        """N, the number of lobes."""
+        return self.axes.shape[-3]
+
+    def __getitem__(self, index: Any) -> Self:
+        """Index the leading dimensions, as one would index each tensor."""
+        return replace(
+            self,
+            axes=self.axes[index],
+            sharpness=self.sharpness[index],
+            amplitude=self.amplitude[index],
+        )
+
+    def to(self, *args: Any, **kwargs: Any) -> Self:
+        """Move or convert every tensor, as `torch.Tensor.to`."""
+        return replace(
+            self,
+            axes=self.axes.to(*args, **kwargs),
+            sharpness=self.sharpness.to(*args, **kwargs),
+            amplitude=self.amplitude.to(*args, **kwargs),
+        )
+
+    def select(self, lobes: Tensor) -> Self:
+        """Pick lobes by index or mask along N."""
+        return replace(
+            self,
+            axes=self.axes[..., lobes, :, :],
+            sharpness=self.sharpness[..., lobes, :],
+            amplitude=self.amplitude[..., lobes, :],
+        )
+
+
+def stack(frames: list[Lobes]) -> Lobes:
+    """Stack equally many lobes of F frames along a new first dimension.  [F, N, .]."""
+    return Lobes(
+        axes=torch.stack([lobes.axes for lobes in frames]),
+        sharpness=torch.stack([lobes.sharpness for lobes in frames]),
+        amplitude=torch.stack([lobes.amplitude for lobes in frames]),
+        form=frames[0].form,
+    )
+
+
+@dataclass(frozen=True)
+class LobeTracks:
+    """N lobes followed over F frames.
+
+    Attributes:
+        frames: Frame numbers, ascending; they are the USD time codes.
+        fps: Frames per second.
+        lobes: The lobes of every frame.  [F, N, .]
+        metadata: What made them: version, preset, options, source, errors. JSON values only.
+    """
+
+    frames: tuple[int, ...]
+    fps: float
+    lobes: Lobes
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check that frames and lobes agree."""
+        if self.lobes.axes.ndim != 4 or len(self.frames) != self.lobes.axes.shape[0]:
+            raise ValueError(
+                f"frames: {len(self.frames)} frame numbers for lobes of shape "
+                f"{tuple(self.lobes.axes.shape[:-2])}; expected [F, N]"
+            )
+        if any(b <= a for a, b in zip(self.frames, self.frames[1:], strict=False)):
+            raise ValueError("frames: not ascending")
+
+    def at(self, frame: int) -> Lobes:
+        """Return the lobes of one frame.  [N, .].
+
+        Raises:
+            KeyError: There is no such frame.
+        """
+        try:
+            return self.lobes[self.frames.index(frame)]
+        except ValueError:
+            raise KeyError(
+                f"frame {frame}: not in {self.frames[0]}-{self.frames[-1]} ({len(self.frames)})"
+            ) from None

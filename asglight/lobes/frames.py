@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lobe frames: orthonormal axes, quaternions, canonical order and continuity over time.
+
+A lobe is unchanged when its frame turns by 180 degrees about axis_z, and when it turns by 90
+degrees while the two sharpnesses change places; in the bingham form also when axis_z is reversed.
+The frame to use among the equals is a convention: within a frame the larger sharpness comes first
+(`canonical`), over time each frame is the equal nearest to the one before (`continuous`).
+
+Quaternions are (w, x, y, z), unit, and rotate the local frame to the lobe's: +X to axis_x.
+"""
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from asglight.lobes.data import Form, Lobes
+
+
+def axes_around(axis_z: Tensor) -> Tensor:
+    """Complete unit z axes to right-handed orthonormal frames, x chosen without a preference.
+
+    The helper axis is the coordinate axis least aligned with z, so the cross product is never
+    shorter than sqrt(2/3).
+
+    Args:
+        axis_z: Unit directions.  [..., 3]
+
+    Returns:
+        Rows axis_x, axis_y, axis_z.  [..., 3, 3]
+    """
+    helper = torch.nn.functional.one_hot(axis_z.abs().argmin(-1), 3).to(axis_z)
+    axis_x = torch.nn.functional.normalize(torch.linalg.cross(helper, axis_z), dim=-1)
+    return torch.stack([axis_x, torch.linalg.cross(axis_z, axis_x), axis_z], dim=-2)
+
+
+def orthonormal(axes: Tensor) -> Tensor:
+    """Make nearly orthonormal frames exactly so, keeping axis_z's direction.  [..., 3, 3]."""
+    axis_z = torch.nn.functional.normalize(axes[..., 2, :], dim=-1)
+    along = (axes[..., 0, :] * axis_z).sum(-1, keepdim=True)
+    axis_x = torch.nn.functional.normalize(axes[..., 0, :] - along * axis_z, dim=-1)
+    return torch.stack([axis_x, torch.linalg.cross(axis_z, axis_x), axis_z], dim=-2)
+
+
+def canonical(lobes: Lobes) -> Lobes:
+    """Order the axes so that sharpness_x >= sharpness_y, the frame staying right-handed."""
+    swap = lobes.sharpness[..., 1] > lobes.sharpness[..., 0]
+    return _quarter_turn(lobes, swap)
+
+
+def continuous(lobes: Lobes) -> Lobes:
+    """Choose among equal frames so that each lobe turns least from frame to frame.  [F, N, .].
+
+    The first frame is put in canonical order; every other follows the one before.
+    """
+    frames = [canonical(lobes[0])]
+    for index in range(1, lobes.axes.shape[0]):
+        frames.append(align(lobes[index], frames[-1]))
+    return replace(
+        lobes,
+        axes=torch.stack([f.axes for f in frames]),
+        sharpness=torch.stack([f.sharpness for f in frames]),
+    )
+
+
+def align(lobes: Lobes, previous: Lobes) -> Lobes:
+    """Turn each lobe's frame to the equal one nearest to the lobe's frame in `previous`.
+
+    Nearest is the smallest rotation angle, the largest trace of the relative rotation. The sg form
+    has no preferred x axis: its frame is the previous one turned the shortest way.
+    """
+    if lobes.form is Form.SG:
+        return replace(lobes, axes=parallel_transport(previous.axes, lobes.axis_z))
+    if lobes.form is Form.BINGHAM:
+        flip = (lobes.axis_z * previous.axis_z).sum(-1) < 0
+        turned = torch.stack([lobes.axis_x, -lobes.axis_y, -lobes.axis_z], dim=-2)
+        lobes = replace(lobes, axes=torch.where(flip[..., None, None], turned, lobes.axes))
+    along_x = (lobes.axis_x * previous.axis_x).sum(-1) + (lobes.axis_y * previous.axis_y).sum(-1)
+    along_y = (lobes.axis_y * previous.axis_x).sum(-1) - (lobes.axis_x * previous.axis_y).sum(-1)
+    lobes = _quarter_turn(lobes, along_y.abs() > along_x.abs())
+    dot = (lobes.axis_x * previous.axis_x).sum(-1) + (lobes.axis_y * previous.axis_y).sum(-1)
+    half_turn = torch.ones_like(lobes.axes)
+    half_turn[..., :2, :] = torch.where(dot < 0, -1.0, 1.0).to(dot)[..., None, None]
+    return replace(lobes, axes=lobes.axes * half_turn)
+
+
+def parallel_transport(axes: Tensor, axis_z: Tensor) -> Tensor:
+    """Turn frames the shortest way so that their z becomes `axis_z`.
+
+    Args:
+        axes: Frames.  [..., 3, 3]
+        axis_z: Unit directions.  [..., 3]
+    """
+    source = axes[..., 2, :]
+    cosine = (source * axis_z).sum(-1)[..., None, None]
+    cross = torch.linalg.cross(source, axis_z)[..., None, :]
+    # Rodrigues' formula; at 180 degrees any half turn does, so the divisor is kept off 0
+    along = (axes * cross).sum(-1, keepdim=True) / (1 + cosine).clamp(min=1e-6)
+    turned = axes * cosine + torch.linalg.cross(cross.expand_as(axes), axes) + cross * along
+    turned = torch.cat([turned[..., :2, :], axis_z[..., None, :]], dim=-2)
+    opposite = cosine < -1 + 1e-6
+    half_turn = axes * axes.new_tensor([1.0, -1.0, -1.0])[:, None]
+    return orthonormal(torch.where(opposite, half_turn, turned))
+
+
+def quaternion_from_axes(axes: Tensor) -> Tensor:
+    """Convert frames to unit quaternions (w, x, y, z) with w >= 0.  [..., 3, 3] -> [..., 4].
+
+    Of the four ways to write the quaternion, the one with the largest divisor is used, so no
+    rotation loses digits [Shepperd 1978, "Quaternion from rotation matrix"].
+    """
+    m = axes.mT  # columns are the images of +X, +Y, +Z
+    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    yz, zx, xy = (
+        m[..., 2, 1] - m[..., 1, 2],
+        m[..., 0, 2] - m[..., 2, 0],
+        m[..., 1, 0] - m[..., 0, 1],
+    )
+    yz_, zx_, xy_ = (
+        m[..., 2, 1] + m[..., 1, 2],
+        m[..., 0, 2] + m[..., 2, 0],
+        m[..., 1, 0] + m[..., 0, 1],
+    )
+    candidates = torch.stack(
+        [
+            torch.stack([1 + xx + yy + zz, yz, zx, xy], dim=-1),
+            torch.stack([yz, 1 + xx - yy - zz, xy_, zx_], dim=-1),
+            torch.stack([zx, xy_, 1 - xx + yy - zz, yz_], dim=-1),
+            torch.stack([xy, zx_, yz_, 1 - xx - yy + zz], dim=-1),
+        ],
+        dim=-2,
+    )  # [..., 4, 4]: row k is 4 q_k (w, x, y, z)
+    best = torch.diagonal(candidates, dim1=-2, dim2=-1).argmax(-1)
+    chosen = torch.take_along_dim(candidates, best[..., None, None], dim=-2).squeeze(-2)
+    quaternion = torch.nn.functional.normalize(chosen, dim=-1)
+    return torch.where(quaternion[..., :1] < 0, -quaternion, quaternion)
+
+
+def axes_from_quaternion(quaternion: Tensor) -> Tensor:
+    """Convert quaternions (w, x, y, z) of any positive length to frames.  [..., 4] -> [..., 3, 3].
+
+    Rows are axis_x, axis_y, axis_z.
+    """
+    w, x, y, z = torch.nn.functional.normalize(quaternion, dim=-1).unbind(-1)
+    axis_x = torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], -1)
+    axis_y = torch.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], -1)
+    axis_z = torch.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], -1)
+    return torch.stack([axis_x, axis_y, axis_z], dim=-2)
+
+
+def continuous_quaternions(quaternions: Tensor) -> Tensor:
+    """Flip signs so that neighbouring frames lie in one hemisphere.  [F, N, 4]."""
+    dots = (quaternions[1:] * quaternions[:-1]).sum(-1)  # [F - 1, N]
+    signs = torch.where(dots < 0, -1.0, 1.0).to(quaternions).cumprod(0)
+    return torch.cat([quaternions[:1], quaternions[1:] * signs[..., None]])
+
+
+def _quarter_turn(lobes: Lobes, where: Tensor) -> Lobes:
+    """Turn frames by 90 degrees about z and swap the sharpnesses, for the marked lobes."""
+    turned = torch.stack([lobes.axis_y, -lobes.axis_x, lobes.axis_z], dim=-2)
+    return replace(
+        lobes,
+        axes=torch.where(where[..., None, None], turned, lobes.axes),
+        sharpness=torch.where(where[..., None], lobes.sharpness.flip(-1), lobes.sharpness),
+    )

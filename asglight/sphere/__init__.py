@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sphere itself: latlong grid, solid angles, harmonics, quadrature."""

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The repair counts what it changes and says it in one line."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from asglight.images.repair import Repair, repair
+
+
+def test_clean_image_is_returned_as_it_is() -> None:
+    radiance = torch.rand(2, 4, 3)
+    repaired, account = repair(radiance)
+    assert torch.equal(repaired, radiance)
+    assert account == Repair()
+    assert account.is_clean
+    assert account.sentence() == "nothing repaired"
+
+
+def test_only_the_channels_at_fault_become_zero() -> None:
+    radiance = torch.ones(2, 4, 3)
+    radiance[0, 1] = torch.tensor([math.nan, 2.0, -3.0])
+    radiance[1, 3, 1] = -math.inf
+    repaired, account = repair(radiance)
+    assert repaired[0, 1].tolist() == [0, 2, 0]
+    assert repaired[1, 3].tolist() == [1, 0, 1]
+    assert (account.texels, account.nonfinite, account.negative) == (2, 2, 0)
+    assert account.first == (0, 1)
+
+
+def test_negative_zero_is_no_fault() -> None:
+    assert repair(torch.full((1, 2, 3), -0.0))[1].is_clean
+
+
+def test_negative_flux_is_weighted_by_solid_angle() -> None:
+    radiance = torch.ones(2, 4, 3, dtype=torch.float64)
+    radiance = radiance.repeat_interleave(2, dim=0)  # [4, 4, 3]
+    radiance[0, 0] = -1
+    # Polar bands of a 4-row map hold (1 - sin 45 deg) / 2 of the sphere each, over 4 columns.
+    polar = (1 - math.sin(math.pi / 4)) / 2 / 4
+    assert repair(radiance)[1].negative_flux_ratio == pytest.approx(polar / (1 - polar))
+
+
+def test_image_without_anything_positive_says_so() -> None:
+    account = repair(torch.full((1, 2, 3), -1.0))[1]
+    assert account.negative_flux_ratio == math.inf
+    assert account.sentence() == "2 negative texels set to 0 (nothing in the image is positive)"
+
+
+def test_sum_of_huge_values_does_not_overflow() -> None:
+    radiance = torch.full((2, 4, 3), 3e38)
+    radiance[0, 0, 0] = -3e38
+    assert repair(radiance)[1].negative_flux_ratio == pytest.approx(1 / 23, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("account", "sentence"),
+    [
+        (
+            Repair(nonfinite=3, negative=120, negative_flux_ratio=0.057),
+            "3 NaN/Inf and 120 negative texels set to 0 (negative flux 5.7 % of the positive)",
+        ),
+        (Repair(nonfinite=1), "1 NaN/Inf texel set to 0"),
+        (Repair(filled_from=(1016,)), "frame missing, held from 1016"),
+        (
+            Repair(nonfinite=2, filled_from=(1016, 1019)),
+            "frame missing, interpolated between 1016 and 1019; 2 NaN/Inf texels set to 0",
+        ),
+    ],
+)
+def test_sentence(account: Repair, sentence: str) -> None:
+    assert account.sentence() == sentence
+    assert not account.is_clean
+
+
+ANY_FLOAT = st.floats(width=32, allow_nan=True, allow_infinity=True)
+
+
+@given(hnp.arrays(np.float32, (2, 4, 3), elements=ANY_FLOAT))
+def test_result_is_finite_and_not_negative_and_the_counts_are_right(values: np.ndarray) -> None:
+    repaired, account = repair(torch.from_numpy(values.copy()))
+    with np.errstate(invalid="ignore"):
+        bad, below = ~np.isfinite(values), np.isfinite(values) & (values < 0)
+    np.testing.assert_array_equal(repaired.numpy(), np.where(bad | below, 0, values))
+    assert account.nonfinite == bad.any(axis=-1).sum()
+    assert account.negative == (below.any(axis=-1) & ~bad.any(axis=-1)).sum()
+    assert account.texels == (bad | below).any(axis=-1).sum()
+    assert account.first == (tuple(np.argwhere(bad.any(axis=-1))[0]) if bad.any() else None)

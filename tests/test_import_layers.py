@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The architecture as ARCHITECTURE.md draws it: which room may import which."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "asglight"
+
+ALLOWED = {
+    "sphere": set(),
+    "lobes": {"sphere"},
+    "shading": {"sphere", "lobes"},
+    "fitting": {"sphere", "lobes", "shading"},
+    "images": {"sphere"},
+    "usd": {"sphere", "lobes", "images"},
+    "peers": {"sphere", "lobes"},
+    "sky": {"sphere", "images"},
+    "judging": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers"},
+    "shots": {"sphere", "lobes", "fitting", "images", "usd"},
+    "viewer": {"lobes", "shading", "usd", "images"},
+    "cli": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers", "judging", "sky"}
+    | {"shots", "viewer"},
+}
+"""Every room may also import asglight.errors and asglight itself (for its version)."""
+
+ONLY_IN = {"pxr": {"usd"}, "moderngl": {"viewer"}, "imgui_bundle": {"viewer"}}
+
+
+def imported_modules(source: Path) -> set[str]:
+    """Return the dotted names of every import statement, also inside functions."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(source.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            assert node.level == 0, f"{source}: relative import"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def sources() -> list[Path]:
+    return sorted(PACKAGE.rglob("*.py"))
+
+
+def room(source: Path) -> str | None:
+    parts = source.relative_to(PACKAGE).parts
+    return parts[0] if len(parts) > 1 else None
+
+
+@pytest.mark.parametrize("source", sources(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_room_imports_only_the_rooms_it_may(source: Path) -> None:
+    own = room(source)
+    for name in imported_modules(source):
+        top, *rest = name.split(".")
+        if top in ONLY_IN:
+            assert own in ONLY_IN[top], f"{source.name} imports {top}"
+        if top == "asglight" and rest and (PACKAGE / rest[0]).is_dir() and own is not None:
+            assert rest[0] == own or rest[0] in ALLOWED[own], f"{source.name} imports {name}"
+
+
+def test_every_room_has_its_rule() -> None:
+    rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()}
+    assert rooms <= ALLOWED.keys()
+
+
+def test_importing_asglight_loads_neither_usd_nor_a_window() -> None:
+    code = "import asglight, sys; print(*{'pxr', 'moderngl', 'imgui_bundle'} & set(sys.modules))"
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == ""
