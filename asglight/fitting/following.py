@@ -22,7 +22,7 @@ from asglight.lobes.frames import align, axes_around
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
 
-LEVELS = ((64, 4), (128, 2))
+LEVELS = ((64, 4), (128, 4))
 """Rows and steps. A map with fewer rows than a level is followed on its own rows."""
 
 DAMPING_START = 1e-3
@@ -57,7 +57,12 @@ def fit_next_frame(reference: Tensor, previous: Lobes) -> FrameFit:
     for rows, steps in _levels(height):
         frame = objective.target(latlong.reduce(scaled, rows, 2 * rows))
         outcome = newton.minimise(
-            lobes, frame, steps, prior=held, damping=DAMPING_START, width_min=narrowest(height)
+            newton.relight(lobes, frame),
+            frame,
+            steps,
+            prior=held,
+            damping=DAMPING_START,
+            width_min=narrowest(height),
         )
         lobes, loss = outcome.lobes, outcome.value
     return with_flux_of(align(lobes, before), scaled, exposure, loss)

@@ -19,6 +19,8 @@ Columns are the images of each lobe and of its five derivatives: B [6 N, P].
 
 from dataclasses import dataclass
 
+import numpy as np
+import scipy.optimize
 import torch
 from torch import Tensor
 
@@ -41,6 +43,9 @@ TILT_MAX_WIDTHS = 1.0
 
 TILT_MAX = 0.5
 """Radians, for lobes broader than that."""
+
+RELIGHT_PASSES = 3
+"""Reweightings of the amplitudes' own problem: the third changes them by a percent or so."""
 
 SHAPE_MAX = 1.0
 """A step changes a width's s + 1/2 by at most a factor e, and turns by at most a radian."""
@@ -116,6 +121,52 @@ def _judged(
     """Return the radiance and J, the temporal term included."""
     value = objective.value(radiance, frame)
     return radiance, value if prior is None else value + temporal.value(lobes, prior)
+
+
+def relight(lobes: Lobes, frame: objective.Target, passes: int = RELIGHT_PASSES) -> Lobes:
+    """Solve for the amplitudes alone, shapes held: the linear part of the problem.
+
+    Each pass is a non-negative least squares problem of the reweighted normal equations for each
+    channel [Lawson and Hanson 1974].
+    """
+    values = texels.unit_texel_means(lobes, frame.height, 2 * frame.height)  # [N, P]
+    views = objective.probe(values, frame.height)
+    amplitude = lobes.amplitude
+    for _ in range(passes):
+        gram, right = _light_equations(values, frame.radiance, amplitude, *_env(frame))
+        for view, reference, scale, corner in zip(
+            views, frame.probed, frame.probe_weight, frame.probe_corner, strict=True
+        ):
+            terms = _light_equations(view, reference, amplitude, scale, corner)
+            gram, right = gram + terms[0], right + terms[1]
+        amplitude = _non_negative(gram, right).to(amplitude)
+    return Lobes(lobes.axes, lobes.sharpness, amplitude, lobes.form)
+
+
+def _env(frame: objective.Target) -> tuple[Tensor, float]:
+    return frame.env_weight, frame.env_corner
+
+
+def _light_equations(
+    values: Tensor, reference: Tensor, amplitude: Tensor, weight: Tensor | float, corner: float
+) -> tuple[Tensor, Tensor]:
+    """Return one term's reweighted Gram matrix [N, N] and right-hand side [N, 3]."""
+    residual = values.mT @ amplitude - reference
+    weighted = values * (weight / objective.phi(residual, corner))
+    return (weighted @ values.mT).double(), (weighted @ reference).double()
+
+
+def _non_negative(gram: Tensor, right: Tensor) -> Tensor:
+    """Minimise a^T G a / 2 - a^T b over a >= 0 for each channel.  [N, 3]."""
+    scale = torch.diagonal(gram).clamp(min=1e-300).rsqrt()  # unit diagonal
+    scaled = gram * scale[:, None] * scale[None, :]
+    # lobes that coincide share their light: the ridge decides how, at rounding's own size
+    scaled = scaled + 1e-10 * torch.eye(len(scale)).to(scaled)
+    factor = torch.linalg.cholesky(scaled)
+    target = torch.linalg.solve_triangular(factor, right * scale[:, None], upper=False)
+    matrix, columns = factor.mT.cpu().numpy(), target.cpu().numpy()
+    solved = [scipy.optimize.nnls(matrix, columns[:, channel])[0] for channel in range(3)]
+    return torch.from_numpy(np.stack(solved, axis=-1)).to(gram) * scale[:, None]
 
 
 def texel_radiance(lobes: Lobes, frame: objective.Target) -> Tensor:

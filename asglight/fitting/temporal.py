@@ -22,6 +22,10 @@ GAMMA = 0.01
 CORNER = 0.02
 """eps: motions below two percent of a lobe's own size count by their square."""
 
+TILT_UNIT_MAX = 0.1
+"""Radians. A broad lobe's way counts in these, 6 degrees, for it is seen to move long before it
+has moved by its own width."""
+
 BROAD = 0.5
 """The 1/2 of s + 1/2: the sharpness at which a lobe is about as wide as the hemisphere allows."""
 
@@ -46,7 +50,7 @@ def prior(lobes: Lobes, gamma: float = GAMMA) -> Prior:
     flux = asg.flux(lobes).sum(-1)
     share = gamma * flux / flux.sum().clamp(min=1e-37)
     factor = 1.0 if lobes.form is Form.SG else 2.0
-    width = (factor * lobes.sharpness + 1).rsqrt()  # [N, 2]; at most a radian
+    width = (factor * lobes.sharpness).rsqrt().clamp(max=TILT_UNIT_MAX)  # [N, 2]
     shifted = lobes.sharpness + BROAD
     long = (shifted.amax(-1) / shifted.amin(-1)).sqrt() - shifted.amin(-1) / shifted.amax(-1)
     light = lobes.amplitude.amax(-1, keepdim=True).clamp(min=1e-30).expand(-1, 3)
