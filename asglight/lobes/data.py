@@ -8,6 +8,7 @@ is one lobe followed over frames: index N means the same light in every frame.
 Dimension letters: F frames, N lobes, 3 RGB or xyz.
 """
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -134,7 +135,7 @@ class LobeTracks:
                 f"frames: {len(self.frames)} frame numbers for lobes of shape "
                 f"{tuple(self.lobes.axes.shape[:-2])}; expected [F, N]"
             )
-        if any(b <= a for a, b in zip(self.frames, self.frames[1:], strict=False)):
+        if any(b <= a for a, b in itertools.pairwise(self.frames)):
             raise ValueError("frames: not ascending")
 
     def at(self, frame: int) -> Lobes:

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lobes and maps that the fitting tests share."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from asglight.lobes import Form, Lobes, texels
+from asglight.lobes.frames import axes_around, axes_from_quaternion
+
+DOUBLE = torch.float64
+
+
+def random_lobes(form: Form, count: int = 5, seed: int = 0) -> Lobes:
+    """Return lobes of all widths, the first near-round, in float64."""
+    generator = torch.Generator().manual_seed(seed)
+    axes = axes_from_quaternion(torch.randn(count, 4, generator=generator, dtype=DOUBLE))
+    sharpness = 10 ** (2 * torch.rand(count, 2, generator=generator, dtype=DOUBLE))
+    sharpness[0, 1] = 1.2 * sharpness[0, 0]
+    if form is Form.SG:
+        sharpness[:, 1] = sharpness[:, 0]
+    amplitude = 0.2 + torch.rand(count, 3, generator=generator, dtype=DOUBLE)
+    return Lobes(axes, sharpness, amplitude, form)
+
+
+def lamps(
+    directions: list[tuple[float, float, float]], sharpness: list[float], light: list[float]
+) -> Lobes:
+    """Return round grey asg lobes."""
+    axis_z = torch.nn.functional.normalize(torch.tensor(directions).float(), dim=-1)
+    grey = torch.tensor(light)[:, None].expand(-1, 3).contiguous()
+    return Lobes(axes_around(axis_z), torch.tensor(sharpness)[:, None].expand(-1, 2), grey)
+
+
+def sky_and_sun(sun_degrees: float, height: int = 64) -> Tensor:
+    """Return a broad sky with a narrow sun at a longitude, 30 degrees high.  [H, 2 H, 3]."""
+    angle = math.radians(sun_degrees)
+    cos, sin = math.cos(math.radians(30)), math.sin(math.radians(30))
+    sun = (cos * math.sin(angle), sin, cos * math.cos(angle))
+    scene = lamps([(0.0, 1.0, 0.1), sun], [1.0, 4000.0], [1.0, 3000.0])
+    return texels.texel_means(scene, height, 2 * height)
