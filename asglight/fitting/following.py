@@ -22,7 +22,7 @@ from asglight.lobes.frames import align, axes_around
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
 
-LEVELS = ((64, 4), (128, 4))
+LEVELS = ((64, 4), (128, 4), (256, 2))
 """Rows and steps. A map with fewer rows than a level is followed on its own rows."""
 
 DAMPING_START = 1e-3

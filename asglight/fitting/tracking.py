@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finding lamps that moved further than their own width.
+"""Finding lamps that moved further than their own width, or that grew narrow.
 
 A gradient sees no lamp beyond the lobe's own reach: a sun of one texel that has moved by two is
-gone from it. Before the steps of a next frame each narrow lobe therefore looks at what the others
-leave of the map around it, and goes to the mean of that flux under a window that narrows: mean
-shift [Comaniciu and Meer 2002]. It goes only if that lowers the loss.
+gone from it. And a lobe that has spread over a sun finds no slope back: the map's L1 error stays
+about twice the flux until the lobe is nearly as narrow as the sun. Before the steps of a next frame
+each narrow lobe therefore looks at what the others leave of the map around it. It goes to the mean
+of that flux under a window that narrows (mean shift [Comaniciu and Meer 2002]), and may take the
+width and the light that it finds there. It does so only if that lowers the loss.
 """
 
 import math
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from asglight.fitting import objective
-from asglight.lobes import Lobes, asg, texels
+from asglight.fitting.seeding import WIDTH_MIN_TEXELS
+from asglight.lobes import Form, Lobes, asg, texels
 from asglight.lobes.frames import parallel_transport
 from asglight.sphere import latlong
 
@@ -23,11 +27,42 @@ WINDOWS_DEG = (5.0, 4.0, 3.0, 2.0)
 REACH_DEG = 9.0
 """A lamp further away than this is another lamp: beyond 10 degrees a lit lobe's way is a jump."""
 
-NARROW_DEG = 5.0
+NARROW_DEG = 9.0
 """Sigma of a lobe up to which it is looked for; a broader one overlaps its next place."""
 
 LIT_SHARE = 1e-3
 """Share of the flux from which a lobe is worth looking for."""
+
+ROWS_MAX = 128
+"""Rows of the grid on which lamps are looked for: a texel of 1.4 degrees."""
+
+
+@dataclass
+class _Search:
+    """One frame and the lobes found so far, with their images."""
+
+    frame: objective.Target
+    power: Tensor  # solid angles  [P, 1]
+    lobes: Lobes
+    values: Tensor  # unit texel means  [N, P]
+    radiance: Tensor  # [P, 3]
+    loss: float
+
+    def offer(self, index: int, lobes: Lobes) -> None:
+        """Take a changed lobe if the loss falls."""
+        lobe = lobes.select(torch.tensor([index], device=lobes.axes.device))
+        value = texels.unit_texel_means(lobe, self.frame.height, 2 * self.frame.height)[0]
+        own = self.values[index][:, None] * self.lobes.amplitude[index]
+        radiance = self.radiance - own + value[:, None] * lobes.amplitude[index]
+        loss = objective.value(radiance, self.frame)
+        if loss < self.loss:
+            self.lobes, self.radiance, self.loss = lobes, radiance, loss
+            self.values[index] = value
+
+    def left_for(self, index: int) -> Tensor:
+        """Return the flux that the other lobes leave in each texel.  [P, 3]."""
+        own = self.values[index][:, None] * self.lobes.amplitude[index]
+        return self.power * (self.frame.radiance - self.radiance + own).clamp(min=0)
 
 
 def find_moved_lamps(lobes: Lobes, scaled: Tensor) -> Lobes:
@@ -40,38 +75,37 @@ def find_moved_lamps(lobes: Lobes, scaled: Tensor) -> Lobes:
     flux = asg.flux(lobes).sum(-1)
     narrow = texels.lobe_width(lobes) < math.radians(NARROW_DEG)
     candidates = torch.nonzero(narrow & (flux > LIT_SHARE * flux.sum())).flatten().tolist()
+    candidates.sort(key=lambda index: -float(flux[index]))
     if not candidates:
         return lobes
-    candidates.sort(key=lambda index: -float(flux[index]))
-    height, width, _ = scaled.shape
-    frame = objective.target(scaled)
-    power = latlong.texel_solid_angles(height, width, device=scaled.device).reshape(-1, 1)
-    values = texels.unit_texel_means(lobes, height, width)  # [N, P]
-    radiance = values.mT @ lobes.amplitude
-    loss = objective.value(radiance, frame)
+    search = _search(lobes, scaled)
     for index in candidates:
-        own = values[index][:, None] * lobes.amplitude[index]
-        left = (power * (frame.radiance - radiance + own).clamp(min=0)).sum(-1)
-        place = _mean_shift(lobes.axis_z[index], left, frame.directions)
+        left = search.left_for(index)
+        place = _mean_shift(lobes.axis_z[index], left.sum(-1), search.frame.directions)
         if float(place @ lobes.axis_z[index]) < math.cos(math.radians(REACH_DEG)):
             continue
-        moved = _turned_to(lobes, index, place)
-        lobe = moved.select(torch.tensor([index], device=scaled.device))
-        value = texels.unit_texel_means(lobe, height, width)[0]
-        changed = radiance - own + value[:, None] * lobes.amplitude[index]
-        reached = objective.value(changed, frame)
-        if reached < loss:
-            lobes, radiance, loss = moved, changed, reached
-            values[index] = value
-    return lobes
+        search.offer(index, _turned_to(search.lobes, index, place))
+        search.offer(index, _as_found(search.lobes, index, place, left, search.frame))
+    return search.lobes
+
+
+def _search(lobes: Lobes, scaled: Tensor) -> _Search:
+    rows = min(ROWS_MAX, scaled.shape[0])
+    frame = objective.target(latlong.reduce(scaled, rows, 2 * rows))
+    power = latlong.texel_solid_angles(rows, 2 * rows, device=scaled.device).reshape(-1, 1)
+    values = texels.unit_texel_means(lobes, rows, 2 * rows)
+    radiance = values.mT @ lobes.amplitude
+    return _Search(frame, power, lobes, values, radiance, objective.value(radiance, frame))
+
+
+def _window(place: Tensor, directions: Tensor, sigma_deg: float) -> Tensor:
+    return torch.exp((directions @ place - 1) / math.radians(sigma_deg) ** 2)
 
 
 def _mean_shift(place: Tensor, flux: Tensor, directions: Tensor) -> Tensor:
     """Move a direction to the flux-weighted mean around it, under narrowing windows."""
     for sigma in WINDOWS_DEG:
-        cosine = directions @ place
-        window = torch.exp((cosine - 1) / math.radians(sigma) ** 2)
-        mean = (flux * window) @ directions
+        mean = (flux * _window(place, directions, sigma)) @ directions
         if float(mean.norm()) > 0:
             place = torch.nn.functional.normalize(mean, dim=0)
     return place
@@ -82,3 +116,26 @@ def _turned_to(lobes: Lobes, index: int, axis_z: Tensor) -> Lobes:
     axes = lobes.axes.clone()
     axes[index] = parallel_transport(axes[index], axis_z)
     return Lobes(axes, lobes.sharpness, lobes.amplitude, lobes.form)
+
+
+def _as_found(
+    lobes: Lobes, index: int, place: Tensor, left: Tensor, frame: objective.Target
+) -> Lobes:
+    """Give one lobe the place, the width and the light of the flux under the last window.
+
+    Under a Gaussian window of variance w a Gaussian of variance v shows the variance
+    1 / (1 / v + 1 / w), which is solved for v.
+    """
+    window = WINDOWS_DEG[-1]
+    seen = left * _window(place, frame.directions, window)[:, None]  # [P, 3]
+    across = (1 - (frame.directions @ place).square()) / 2  # x^2, averaged over the azimuth
+    total = seen.sum().clamp(min=1e-30)
+    shown = float((seen.sum(-1) * across).sum() / total)
+    own = max(1 / shown - 1 / math.radians(window) ** 2, 1.0) if shown > 0 else math.inf
+    least = (WIDTH_MIN_TEXELS * math.pi / frame.height) ** 2
+    sharpness = lobes.sharpness.clone()
+    sharpness[index] = min(own, 1 / least) * (1.0 if lobes.form is Form.SG else 0.5)
+    moved = _turned_to(Lobes(lobes.axes, sharpness, lobes.amplitude, lobes.form), index, place)
+    amplitude = lobes.amplitude.clone()
+    amplitude[index] = seen.sum(0) / asg.integral(moved)[index]
+    return Lobes(moved.axes, sharpness, amplitude, lobes.form)

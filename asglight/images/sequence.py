@@ -121,7 +121,7 @@ class Sequence:
             raise InputError(
                 f"{shown(path)}: frame {frame} is {width} x {height}; expected "
                 f"{2 * self._height_of_all} x {self._height_of_all} as frame {self._first} is. "
-                "Use a --height no larger than the smallest frame."
+                "Render or resize it to match."
             )
         return image
 
