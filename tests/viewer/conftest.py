@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""OpenGL and lobes for the viewer's tests; neither a display nor a GPU is needed."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import moderngl
+import pytest
+import torch
+
+from asglight.errors import InputError
+from asglight.lobes import Form, Lobes, LobeTracks, frames
+from asglight.sphere import latlong
+from asglight.viewer import glsl, passes
+from asglight.viewer.context import standalone_context
+
+
+@pytest.fixture
+def opengl() -> Iterator[moderngl.Context]:
+    """An off-screen context that has no error before or after the test."""
+    try:
+        context = standalone_context()
+    except InputError as error:
+        # On a build machine a missing OpenGL must not pass unnoticed.
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(str(error))
+    assert context.error == "GL_NO_ERROR"
+    yield context
+    assert context.error == "GL_NO_ERROR"
+    context.release()
+
+
+@pytest.fixture
+def probe_program(opengl: moderngl.Context, tmp_path: Path) -> Callable[[str], moderngl.Program]:
+    """Compile a fragment shader given as text, with all of shaders/ to include from."""
+    folder = shutil.copytree(glsl.shader_folder(), tmp_path / "shaders")
+
+    def compiled(text: str) -> moderngl.Program:
+        (folder / "probe.frag").write_text(text)
+        vertex = glsl.expanded(glsl.VERTEX_SHADER)
+        return glsl.program(opengl, vertex, glsl.expanded("probe.frag", passes.DEFINES, folder))
+
+    return compiled
+
+
+@pytest.fixture
+def two_lamps() -> LobeTracks:
+    """Two lobes over frames 1001, 1002 and 1004.
+
+    A green one at u = 1/4, v = 1/4 that moves 1/8 of the map to the right from frame to frame, and
+    a red one that rests at u = 3/4, v = 3/4.
+    """
+    green = torch.tensor([0.25, 0.375, 0.5])
+    u = torch.stack([green, torch.full((3,), 0.75)], dim=-1)  # [F, N]
+    v = torch.tensor([0.25, 0.75]).expand(3, 2)
+    lobes = Lobes(
+        axes=frames.axes_around(latlong.direction_from_uv(u, v)),
+        sharpness=torch.full((3, 2, 2), 200.0),
+        amplitude=torch.tensor([[0.0, 0.9, 0.0], [0.9, 0.0, 0.0]]).expand(3, 2, 3),
+        form=Form.ASG,
+    )
+    return LobeTracks((1001, 1002, 1004), 24.0, lobes)
