@@ -1,4 +1,57 @@
 # SPDX-License-Identifier: Apache-2.0
-"""HDR environment sequences as a few anisotropic spherical Gaussian lights, in time-sampled USD."""
+"""HDR environment sequences as a few anisotropic spherical Gaussian lights, in time-sampled USD.
+
+Example:
+    >>> import asglight
+    >>> tracks = asglight.fit_sequence("sky.####.exr", lobes=15)
+    >>> asglight.write_usd(tracks, "sky.usda")
+    >>> asglight.read_usd("sky.usda").frames
+    (1001, 1002, 1003)
+
+The names load what they need when they are first used: `import asglight` alone loads neither torch
+nor pxr.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from asglight.errors import InputError
+    from asglight.lobes import Lobes, LobeTracks
+    from asglight.shots import fit_sequence
+    from asglight.usd import read_usd, write_usd
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "InputError",
+    "LobeTracks",
+    "Lobes",
+    "__version__",
+    "fit_sequence",
+    "read_usd",
+    "write_usd",
+]
+
+_HOME = {
+    "InputError": "asglight.errors",
+    "LobeTracks": "asglight.lobes",
+    "Lobes": "asglight.lobes",
+    "fit_sequence": "asglight.shots",
+    "read_usd": "asglight.usd",
+    "write_usd": "asglight.usd",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its room."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'asglight' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names, loaded or not."""
+    return sorted({*globals(), *_HOME})

@@ -191,7 +191,7 @@ def lobe_columns(lobes: Lobes, directions: Tensor, height: int) -> Tensor:
     columns[~narrow] = local_columns(lobes.select(~narrow), directions)
     for index in torch.nonzero(narrow).flatten().tolist():
         lobe = lobes.select(torch.tensor([index], device=directions.device))
-        reached = texels.texels_reached(lobe, directions, height)
+        reached = texels.texels_reached(lobe, directions, (height, 2 * height))
         columns[index][:, reached] = texels.mean_over_texels(
             lambda d, lobe=lobe: local_columns(lobe, d)[0], lobe, reached, (height, 2 * height)
         )

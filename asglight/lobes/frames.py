@@ -66,7 +66,8 @@ def continuous(lobes: Lobes) -> Lobes:
 def align(lobes: Lobes, previous: Lobes) -> Lobes:
     """Turn each lobe's frame to the equal one nearest to the lobe's frame in `previous`.
 
-    Nearest is the smallest rotation angle, the largest trace of the relative rotation. The sg form
+    Nearest is the smallest rotation angle, the largest trace of the relative rotation (bingham
+    beyond 90 degrees: after the reversal that brings axis_z nearest). The sg form
     has no preferred x axis: its frame is the previous one turned the shortest way.
     """
     if lobes.form is Form.SG:
@@ -97,10 +98,10 @@ def parallel_transport(axes: Tensor, axis_z: Tensor) -> Tensor:
     # Rodrigues' formula; at 180 degrees any half turn does, so the divisor is kept off 0
     along = (axes * cross).sum(-1, keepdim=True) / (1 + cosine).clamp(min=1e-6)
     turned = axes * cosine + torch.linalg.cross(cross.expand_as(axes), axes) + cross * along
-    turned = torch.cat([turned[..., :2, :], axis_z[..., None, :]], dim=-2)
     opposite = cosine < -1 + 1e-6
     half_turn = axes * axes.new_tensor([1.0, -1.0, -1.0])[:, None]
-    return orthonormal(torch.where(opposite, half_turn, turned))
+    turned = torch.where(opposite, half_turn, turned)
+    return orthonormal(torch.cat([turned[..., :2, :], axis_z[..., None, :]], dim=-2))
 
 
 def quaternion_from_axes(axes: Tensor) -> Tensor:

@@ -44,7 +44,7 @@ def uv_from_direction(direction: Tensor) -> tuple[Tensor, Tensor]:
     Returns:
         u and v, each in [0, 1]; at a pole u is 1/2.  [...], [...]
     """
-    x, y, z = direction.unbind(-1)
+    x, y, z = (direction + 0.0).unbind(-1)  # -0 would turn a pole by half a circle
     u = 0.5 - torch.atan2(x, z) / (2 * math.pi)
     v = 0.5 - torch.atan2(y, torch.hypot(x, z)) / math.pi
     return u, v

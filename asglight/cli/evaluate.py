@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`asglight eval`: the error of a stage against the images it was fitted to."""
+
+import argparse
+from collections.abc import Iterator
+from typing import Any
+
+from asglight.cli.parser import add_input_options, add_json_option
+from asglight.cli.printing import print_json, table
+from asglight.cli.progress import Reporter, reporter
+from asglight.errors import InputError
+from asglight.fitting.options import FIT_HEIGHT
+from asglight.images import Sequence, open_sequence
+from asglight.images.frame_files import frame_set, ranges
+from asglight.images.message import shown
+from asglight.judging.metrics import (
+    METRIC_NAMES,
+    FrameErrors,
+    SequenceErrors,
+    frame_errors,
+    sequence_errors,
+)
+from asglight.lobes import LobeTracks
+
+EXAMPLE = "asglight eval sky.usda --reference sky.####.exr"
+
+EXPLANATION = """\
+env: radiance error over the sphere; flux: error of the total; irr: of the irradiance (irrMax: its
+worst direction); r0.5, r0.25: of what balls of that roughness reflect; flicker: of the change from
+frame to frame. All relative to the reference; 0 is perfect."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `eval`."""
+    parser.description = f"{parser.description}\n\n{EXPLANATION}"
+    parser.add_argument("stage", metavar="STAGE", help="a stage that asglight has written")
+    parser.add_argument(
+        "--reference", required=True, metavar="INPUT", help="image file, folder or pattern"
+    )
+    add_input_options(parser)
+    add_json_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Judge each frame and print the errors."""
+    from asglight.usd import read_usd
+
+    tracks = read_usd(arguments.stage)
+    frames = chosen_frames(tracks, arguments.frames, arguments.stage)
+    sequence = reference_for(frames, arguments)
+    with reporter() as report:
+        errors = judge(tracks, sequence, frames, report)
+    if arguments.json:
+        print_json({"stage": arguments.stage, "reference": arguments.reference} | as_json(errors))
+    else:
+        print(errors_table(errors))
+    return 0
+
+
+def chosen_frames(tracks: LobeTracks, frames: str | None, stage: str) -> tuple[int, ...]:
+    """Return the frames to judge.
+
+    Raises:
+        InputError: A frame was asked for that the stage does not have.
+    """
+    if frames is None:
+        return tracks.frames
+    wanted = frame_set(frames, "frames")
+    absent = sorted(set(wanted) - set(tracks.frames))
+    if absent:
+        raise InputError(
+            f"frames: {ranges(absent)} not in {shown(stage)}; expected some of "
+            f"{ranges(tracks.frames)}. Change --frames."
+        )
+    return wanted
+
+
+def reference_for(frames: tuple[int, ...], arguments: argparse.Namespace) -> Sequence:
+    """Open the reference of a stage's frames.
+
+    Raises:
+        InputError: The reference lacks a frame; the truth is never made up.
+    """
+    sequence = open_sequence(
+        arguments.reference, missing="hold", height=FIT_HEIGHT, layer=arguments.layer
+    )
+    absent = [frame for frame in frames if frame not in sequence.source.files]
+    if absent:
+        raise InputError(
+            f"{shown(arguments.reference)}: lacks {ranges(absent)} of {shown(arguments.stage)}; "
+            f"expected an image for each frame ({ranges(frames)}). Is it the sequence that was "
+            "fitted? Choose frames with --frames."
+        )
+    if not set(frames) <= set(sequence.frames):
+        raise InputError(
+            f"{shown(arguments.reference)}: its range is {ranges(sequence.frames)}; expected "
+            f"{ranges(frames)}. Leave the range out or choose frames with --frames."
+        )
+    return sequence
+
+
+def judge(
+    tracks: LobeTracks, sequence: Sequence, frames: tuple[int, ...], report: Reporter
+) -> SequenceErrors:
+    """Judge the lobes of some frames against their images."""
+
+    def judged() -> Iterator[tuple[int, FrameErrors]]:
+        for frame in report.follow(frames, "judging", len(frames)):
+            yield frame, frame_errors(tracks.at(frame), sequence.read(frame).radiance)
+
+    return sequence_errors(judged())
+
+
+def as_json(errors: SequenceErrors) -> dict[str, Any]:
+    """Return errors as JSON values."""
+    return {
+        "mean": errors.mean,
+        "worst": errors.worst,
+        "frames": [{"frame": frame} | values for frame, values in errors.frames.items()],
+    }
+
+
+def errors_table(errors: SequenceErrors) -> str:
+    """Return errors as a table: each frame, the mean, and the worst frame of each metric."""
+    header = ["frame", *METRIC_NAMES]
+    rows = [
+        [str(frame), *(f"{values[name]:.4f}" for name in METRIC_NAMES)]
+        for frame, values in errors.frames.items()
+    ]
+    rows.append(["mean", *(f"{errors.mean[name]:.4f}" for name in METRIC_NAMES)])
+    rows.append(["worst frame", *(str(errors.worst[name]) for name in METRIC_NAMES)])
+    text = table(header, rows)
+    if "flicker" in errors.mean:
+        return f"{text}\nflicker {errors.mean['flicker']:.4f}"
+    return text

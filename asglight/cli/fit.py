@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`asglight fit`: fit an image or sequence and write the lobes as USD lights."""
+
+import argparse
+from typing import Any, get_args
+
+from asglight.cli.parser import (
+    add_input_options,
+    add_json_option,
+    frame_rate,
+    step_pair,
+)
+from asglight.cli.printing import counted, duration, frame_range, percent, print_json, size
+from asglight.cli.progress import reporter
+from asglight.errors import InputError
+from asglight.fitting.options import FitOptions, Preset
+from asglight.images.frame_files import ranges
+from asglight.images.sequence import Missing
+from asglight.lobes import Form
+from asglight.shots import ShotResult, fit_shot
+from asglight.shots.settings import Representation
+from asglight.shots.tracks import repairs_of
+
+EXAMPLE = "asglight fit sky.####.exr -o sky.usda --frames 1001-1048 --resume"
+ON_INTERRUPT = "interrupted; resume with --resume"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `fit`."""
+    add = parser.add_argument
+    default = FitOptions()
+    add("input", metavar="INPUT", help="image file, folder, or pattern such as sky.####.exr")
+    add("-o", "--output", required=True, metavar="STAGE", help="stage: .usda, .usdc or .usd")
+    add("--lobes", type=int, default=default.lobes, help="number of lobes (default: %(default)s)")
+    presets, made = [str(preset) for preset in Preset], "how the fit is made (default: %(default)s)"
+    add("--preset", choices=presets, default=str(default.preset), help=made)
+    forms = [str(form) for form in Form]
+    add(
+        "--form",
+        choices=forms,
+        default=str(default.form),
+        help="lobe function (default: %(default)s)",
+    )
+    add_input_options(parser)
+    missing = "what stands in for a missing frame (default: %(default)s, which stops)"
+    add("--missing", choices=get_args(Missing), default="error", help=missing)
+    rate = "frames per second of the stage, such as 24 or 24000/1001 (default: 24)"
+    add("--fps", type=frame_rate, default=24.0, help=rate)
+    variant = "variant that the stage opens with; it holds all (default: %(default)s)"
+    add("--representation", choices=get_args(Representation), default="cards", help=variant)
+    resume = "go on where an interrupted run stopped; without it, a run starts afresh"
+    add("--resume", action="store_true", help=resume)
+    add("--device", default=default.device, help="cpu, cuda or cuda:1 (default: %(default)s)")
+    add("--seed", type=int, default=default.seed, help="of random starts (default: %(default)s)")
+    first, following = default.paper_steps
+    steps = f"steps of --preset paper (default: {first},{following})"
+    add("--paper-steps", type=step_pair, metavar="FIRST,NEXT", help=steps)
+    add_json_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fit, write, and say what was written."""
+    with reporter() as report:
+        result = fit_shot(
+            arguments.input,
+            arguments.output,
+            options_from(arguments),
+            frames=arguments.frames,
+            fps=arguments.fps,
+            missing=arguments.missing,
+            layer=arguments.layer,
+            representation=arguments.representation,
+            resume=arguments.resume,
+            on_progress=report,
+        )
+    document = as_document(result, arguments.output)
+    if arguments.json:
+        print_json(document)
+    else:
+        print("\n".join(summary_lines(document)))
+    return 0
+
+
+def options_from(arguments: argparse.Namespace) -> FitOptions:
+    """Return the settings of the fit.
+
+    Raises:
+        InputError: An option would have no effect.
+    """
+    preset = Preset(arguments.preset)
+    steps = arguments.paper_steps
+    if steps is not None and preset is not Preset.PAPER:
+        raise InputError(
+            f"paper steps: given with --preset {preset}, which has none; expected --preset paper."
+        )
+    return FitOptions(
+        lobes=arguments.lobes,
+        preset=preset,
+        form=Form(arguments.form),
+        seed=arguments.seed,
+        device=arguments.device,
+        paper_steps=steps or FitOptions().paper_steps,
+    )
+
+
+def as_document(result: ShotResult, output: str) -> dict[str, Any]:
+    """Return a finished shot as JSON values."""
+    frames = [
+        {
+            "frame": record.frame,
+            "loss": record.loss,
+            "flux_error": record.flux_error,
+            "seconds": record.seconds,
+            "repair": record.repair.sentence(),
+        }
+        for record in result.records
+    ]
+    return {
+        "output": output,
+        "bytes": result.written.bytes,
+        "lobes": result.tracks.lobes.count,
+        "left_out": result.tracks.metadata["left_out"],
+        "preset": result.tracks.metadata["preset"],
+        "form": str(result.tracks.lobes.form),
+        "fps": result.tracks.fps,
+        "resumed": result.resumed,
+        "seconds": sum(record.seconds for record in result.records),
+        "repairs": repairs_of(list(result.records)),
+        "frames": frames,
+    }
+
+
+def summary_lines(document: dict[str, Any]) -> list[str]:
+    """Return a finished shot as the few lines a user reads."""
+    frames = document["frames"]
+    worst = max(frames, key=lambda row: abs(row["flux_error"]))
+    numbers = frame_range([row["frame"] for row in frames])
+    lines = [
+        f"{document['output']}: {counted(document['lobes'], 'lobe')}, "
+        f"{counted(len(frames), 'frame')} ({numbers}) at {document['fps']:g} fps, "
+        f"{size(document['bytes'])}, fitted in {duration(document['seconds'])}",
+        f"flux error: at most {percent(worst['flux_error'])} (frame {worst['frame']})",
+    ]
+    if document["resumed"]:
+        lines.append(f"resumed: {counted(document['resumed'], 'frame')} from an earlier run")
+    if document["left_out"]:
+        lines.append(f"left out: {counted(document['left_out'], 'lobe')}, black in every frame")
+    repaired = repair_line(document["repairs"])
+    return [*lines, repaired] if repaired else lines
+
+
+def repair_line(repairs: dict[str, Any]) -> str:
+    """Return the repairs of all frames as one line; empty where there were none."""
+    clauses = []
+    if repairs["frames"]:
+        clauses.append(
+            f"{repairs['nonfinite_texels']} NaN/Inf and {repairs['negative_texels']} negative "
+            f"texels set to 0 in {counted(len(repairs['frames']), 'frame')} "
+            f"({ranges(repairs['frames'])})"
+        )
+    if repairs["frames_filled"]:
+        filled = repairs["frames_filled"]
+        clauses.append(f"{counted(len(filled), 'missing frame')} filled ({ranges(filled)})")
+    return f"repaired: {'; '.join(clauses)}" if clauses else ""

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`asglight info`: what a stage holds."""
+
+import argparse
+import math
+import os
+from typing import Any
+
+import torch
+
+from asglight.cli.fit import repair_line
+from asglight.cli.parser import add_json_option
+from asglight.cli.printing import counted, frame_range, print_json, size, table
+from asglight.lobes import LobeTracks, asg
+
+EXAMPLE = "asglight info sky.usda"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `info`."""
+    parser.add_argument("stage", metavar="STAGE", help="a stage that asglight has written")
+    add_json_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read a stage and print what it holds."""
+    from asglight.usd import read_usd
+
+    tracks = read_usd(arguments.stage)
+    document = {
+        "stage": arguments.stage,
+        "bytes": os.path.getsize(arguments.stage),
+        "representation": representation_of(arguments.stage),
+        **as_document(tracks),
+    }
+    if arguments.json:
+        print_json(document)
+    else:
+        print("\n".join([*summary_lines(document), "", lobe_table(document["lobes"])]))
+    return 0
+
+
+def representation_of(stage: str) -> str | None:
+    """Return the variant that a stage opens with: the lights that a renderer sees."""
+    from asglight.usd.schema import VARIANT_SET
+    from asglight.usd.stage import find_rig, open_stage
+
+    opened = open_stage(stage)  # kept: the rig dies with its stage
+    rig = find_rig(opened)
+    return rig.GetVariantSet(VARIANT_SET).GetVariantSelection() or None if rig else None
+
+
+def as_document(tracks: LobeTracks) -> dict[str, Any]:
+    """Return tracks as JSON values: the shot, how it was fitted, and each lobe."""
+    return {
+        "frames": list(tracks.frames),
+        "fps": tracks.fps,
+        "form": str(tracks.lobes.form),
+        "metadata": dict(tracks.metadata),
+        "lobes": lobe_rows(tracks),
+    }
+
+
+def lobe_rows(tracks: LobeTracks) -> list[dict[str, Any]]:
+    """Describe each lobe over the shot.
+
+    The direction is the mean weighted by flux, `moves_deg` the largest angle from it while the lobe
+    is lit. Longitude and latitude are those of the latlong: 0 degrees is +Z, 90 degrees +X.
+    """
+    lobes = tracks.lobes.to(torch.float64)
+    flux = asg.flux(lobes).sum(-1)  # [F, N]
+    share = flux / flux.sum(1, keepdim=True).clamp(min=torch.finfo(torch.float64).tiny)
+    lit = flux > 0
+    rows = []
+    for index in range(lobes.count):
+        seen = lit[:, index]
+        # A lobe that is never lit is described where it lies.
+        seen = seen if bool(seen.any()) else torch.ones_like(seen)
+        weight = flux[seen, index].clamp(min=torch.finfo(torch.float64).tiny)
+        axis_z = lobes.axis_z[seen, index]
+        mean = torch.nn.functional.normalize((weight[:, None] * axis_z).sum(0), dim=0)
+        cosine = (axis_z @ mean).clamp(-1, 1)
+        sharpness = lobes.sharpness[seen, index]
+        x, y, z = mean.tolist()
+        rows.append(
+            {
+                "lobe": f"lobe_{index:02d}",
+                "longitude_deg": math.degrees(math.atan2(x, z)),
+                "latitude_deg": math.degrees(math.asin(max(-1.0, min(1.0, y)))),
+                "direction": [x, y, z],
+                "moves_deg": math.degrees(math.acos(float(cosine.min()))),
+                "sharpness_min": float(sharpness.min()),
+                "sharpness_max": float(sharpness.max()),
+                "flux_share": float(share[:, index].mean()),
+                "lit_frames": int(lit[:, index].sum()),
+            }
+        )
+    return rows
+
+
+def summary_lines(document: dict[str, Any]) -> list[str]:
+    """Return the shot and how it was fitted, one line for each subject."""
+    metadata, frames = document["metadata"], document["frames"]
+    lines = [
+        f"{document['stage']}: {counted(len(document['lobes']), 'lobe')} of form "
+        f"{document['form']}, {counted(len(frames), 'frame')} ({frame_range(frames)}) at "
+        f"{document['fps']:g} fps, {size(document['bytes'])}",
+        f"representation: {document['representation'] or 'none chosen'}",
+    ]
+    if "preset" in metadata:
+        lines.append(
+            f"fitted: preset {metadata['preset']}, from {metadata.get('source', 'unknown')}, "
+            f"asglight {metadata.get('asglight', 'unknown')}"
+        )
+    if metadata.get("left_out"):
+        lines.append(f"left out: {counted(metadata['left_out'], 'lobe')}, black in every frame")
+    repaired = repair_line(metadata["repairs"]) if "repairs" in metadata else ""
+    return [*lines, repaired] if repaired else lines
+
+
+def lobe_table(rows: list[dict[str, Any]]) -> str:
+    """Return the lobes as a table; angles in degrees, flux share in percent."""
+    header = ["", "lon", "lat", "direction", "moves", "sharpness", "flux %", "lit frames"]
+    return table(header, [_cells(row) for row in rows])
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    return [
+        row["lobe"],
+        f"{row['longitude_deg']:.1f}",
+        f"{row['latitude_deg']:.1f}",
+        " ".join(f"{component:+.3f}" for component in row["direction"]),
+        f"{row['moves_deg']:.1f}",
+        f"{row['sharpness_min']:.3g} to {row['sharpness_max']:.3g}",
+        f"{100 * row['flux_share']:.2f}",
+        str(row["lit_frames"]),
+    ]

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`asglight`: chooses the command, and turns whatever ends it into an exit status.
+
+0    done
+1    a bug: traceback, and a request to report it
+2    the input, an option or the disk is at fault: one line
+130  interrupted (128 + SIGINT), 141 standard output was closed early (128 + SIGPIPE)
+"""
+
+import argparse
+import errno
+import importlib
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from types import ModuleType
+
+from asglight import __version__
+from asglight.cli.parser import Parser, one_line
+from asglight.errors import InputError
+
+COMMANDS = {
+    "fit": "fit lobes to an image or sequence and write them as USD lights",
+    "eval": "measure the error of a stage against the images it was fitted to",
+    "info": "show what a stage holds",
+    "demo": "fit the built-in moving environment and draw what came out",
+}
+_MODULES = {name: f"asglight.cli.{name}" for name in COMMANDS} | {"eval": "asglight.cli.evaluate"}
+
+DISK_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    on_interrupt = "interrupted"
+    try:
+        arguments = _parser(words).parse_args(words)
+        on_interrupt = arguments.on_interrupt
+        status = arguments.run(arguments)
+        sys.stdout.flush()
+    except SystemExit as end:  # argparse: --help, --version, or an error that it has printed
+        return end.code if isinstance(end.code, int) else 1
+    except KeyboardInterrupt:
+        return _complain(on_interrupt, 130)
+    except BrokenPipeError:
+        # Python would flush standard output again at exit, and fail again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except Exception as error:
+        return _failed(error)
+    return status
+
+
+def _parser(words: list[str]) -> Parser:
+    """Return the parser, with the options of the named command only: the others stay unloaded."""
+    parser = Parser(
+        prog="asglight",
+        description="HDR environment sequences as a few lights in time-sampled USD.",
+        epilog="example: asglight fit sky.####.exr -o sky.usda",
+    )
+    parser.add_argument("--version", action="version", version=f"asglight {__version__}")
+    commands = parser.add_subparsers(
+        title="commands", metavar="COMMAND", required=True, parser_class=Parser
+    )
+    for name, summary in COMMANDS.items():
+        sentence = f"{summary[0].upper()}{summary[1:]}."
+        command = commands.add_parser(name, help=summary, description=sentence)
+        if words[:1] == [name]:
+            _load(name, command)
+    return parser
+
+
+def _load(name: str, command: argparse.ArgumentParser) -> None:
+    module: ModuleType = importlib.import_module(_MODULES[name])
+    command.epilog = f"example: {module.EXAMPLE}"
+    command.set_defaults(
+        run=module.run, on_interrupt=getattr(module, "ON_INTERRUPT", "interrupted")
+    )
+    module.add_arguments(command)
+
+
+def _failed(error: Exception) -> int:
+    """Report what ended a command other than the user."""
+    if isinstance(error, InputError):
+        return _complain(str(error), 2)
+    if _is_out_of_memory(error):
+        return _complain("not enough memory; use fewer lobes or close other programs", 2)
+    if isinstance(error, OSError) and error.errno in DISK_ERRNOS:
+        return _complain(f"{error.filename or 'output'}: {error.strerror}; make room for it", 2)
+    traceback.print_exception(error)
+    return _complain(
+        f"this is a bug in asglight {__version__}; please report it with the lines above", 1
+    )
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    # torch raises a RuntimeError of its own on a device, and a plain one on the CPU.
+    is_torch = isinstance(error, RuntimeError) and (
+        type(error).__name__ == "OutOfMemoryError" or "can't allocate memory" in str(error)
+    )
+    return is_torch or isinstance(error, MemoryError)
+
+
+def _complain(message: str, status: int) -> int:
+    print(f"asglight: {one_line(message)}.", file=sys.stderr)
+    return status

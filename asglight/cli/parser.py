@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The argument parser of every command: one-line errors, an example in each help text."""
+
+import argparse
+from fractions import Fraction
+from typing import Any, NoReturn
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line, as every other error of asglight."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        """Take the arguments of ArgumentParser; options are never abbreviated."""
+        # An abbreviation that works today would mean another option tomorrow.
+        kwargs.setdefault("allow_abbrev", False)
+        kwargs.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        super().__init__(*args, **kwargs)
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message and exit with 2."""
+        self.exit(2, f"asglight: {one_line(message)}. See {self.prog} --help.\n")
+
+
+def one_line(message: str) -> str:
+    """Return a message as one printable line."""
+    text = " ".join(message.split())
+    # Names may hold anything; what is not printable may move a terminal's cursor.
+    return "".join(c if c.isprintable() else "?" for c in text).rstrip(".")
+
+
+def add_input_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that choose frames and layer of an image sequence."""
+    parser.add_argument(
+        "--frames", metavar="RANGE", help="frames, such as 1001-1048 or 1001-1048x2 (default: all)"
+    )
+    parser.add_argument(
+        "--layer", metavar="NAME", help="layer or part of OpenEXR files (default: the plain image)"
+    )
+
+
+def add_json_option(parser: argparse.ArgumentParser) -> None:
+    """Add --json."""
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON document on standard output"
+    )
+
+
+def frame_rate(text: str) -> float:
+    """Parse a frame rate: `24`, `23.976` or `24000/1001`."""
+    try:
+        return float(Fraction(text))
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no frame rate; expected a number such as 24, 23.976 or 24000/1001"
+        ) from None
+
+
+def step_pair(text: str) -> tuple[int, int]:
+    """Parse `FIRST,NEXT`."""
+    try:
+        first, following = map(int, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}; expected two whole numbers such as 24000,6000"
+        ) from None
+    return first, following

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Progress on standard error: a bar on a terminal, plain lines everywhere else."""
+
+import contextlib
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from typing import Protocol, TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
+
+from asglight.cli.printing import duration, percent
+from asglight.shots.events import Event, FrameDone, Notice, Started, StepDone
+
+STEP_LINE_SECONDS = 30.0
+"""Between two lines about one slow frame: often enough to see that it lives, few in a log."""
+
+_Item = TypeVar("_Item")
+
+
+class Reporter(Protocol):
+    """Takes the events of a shot, and follows other work item by item."""
+
+    def __call__(self, event: Event) -> None:
+        """Show an event."""
+        ...
+
+    def follow(self, items: Iterable[_Item], label: str, count: int) -> Iterator[_Item]:
+        """Pass items on and show how many have been."""
+        ...
+
+
+@contextlib.contextmanager
+def reporter() -> Iterator[Reporter]:
+    """Open the reporter that suits standard error."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield Lines()
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=None),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[numbers]}"),
+    )
+    with Progress(*columns, console=console, expand=True) as progress:
+        yield Bar(progress)
+
+
+class Lines:
+    """One plain line for each finished frame; for a slow frame, one now and then."""
+
+    def __init__(self) -> None:
+        """Start the clock."""
+        self._last_line = time.monotonic()
+
+    def __call__(self, event: Event) -> None:
+        """Print what deserves a line."""
+        match event:
+            case FrameDone():
+                self._print(frame_line(event))
+            case Notice(text=text):
+                self._print(f"asglight: {text}")
+            case StepDone() if time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
+                self._print(f"frame {event.frame}  {step_numbers(event)}")
+            case Started() | StepDone():
+                pass
+
+    def follow(self, items: Iterable[_Item], label: str, count: int) -> Iterator[_Item]:
+        """Print one line at the start."""
+        self._print(f"{label} ({count})")
+        yield from items
+
+    def _print(self, line: str) -> None:
+        print(line, file=sys.stderr, flush=True)
+        self._last_line = time.monotonic()
+
+
+class Bar:
+    """A bar for each kind of work."""
+
+    def __init__(self, progress: Progress) -> None:
+        """Draw on a running rich progress."""
+        self._progress = progress
+        self._fit: TaskID | None = None
+
+    def __call__(self, event: Event) -> None:
+        """Move the bar of the fit."""
+        if isinstance(event, Notice):
+            self._progress.console.print(f"asglight: {event.text}", markup=False, highlight=False)
+            return
+        if isinstance(event, Started):
+            self._fit = self._progress.add_task(
+                "fitting", total=event.frames, completed=event.done, numbers=""
+            )
+            return
+        assert self._fit is not None, "an event before the start"
+        if isinstance(event, StepDone):
+            numbers = f"frame {event.frame}  {step_numbers(event)}"
+            self._progress.update(self._fit, numbers=numbers)
+        else:
+            numbers = f"frame {event.frame}  {frame_numbers(event)}"
+            self._progress.update(self._fit, completed=event.position, numbers=numbers)
+
+    def follow(self, items: Iterable[_Item], label: str, count: int) -> Iterator[_Item]:
+        """Move a bar of its own."""
+        task = self._progress.add_task(label, total=count, numbers="")
+        for item in items:
+            yield item
+            self._progress.advance(task)
+
+
+def frame_line(event: FrameDone) -> str:
+    """Return a finished frame as one line of a log."""
+    line = f"frame {event.frame} ({event.position}/{event.frames})  {frame_numbers(event)}"
+    # Negative texels are in nearly every frame of some sequences; the summary counts them.
+    if event.repair.filled_from or event.repair.nonfinite:
+        return f"{line}  [{event.repair.sentence()}]"
+    return line
+
+
+def frame_numbers(event: FrameDone) -> str:
+    """Return loss, flux error and times of a finished frame."""
+    took, left = duration(event.seconds), duration(event.seconds_left)
+    return f"loss {event.loss:.4g}  flux {percent(event.flux_error)}  {took}, {left} left"
+
+
+def step_numbers(event: StepDone) -> str:
+    """Return step and loss within a frame."""
+    return f"step {event.step}/{event.steps}  loss {event.loss:.4g}"

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a running shot tells its caller: one event at a time, to one callback.
+
+The events carry numbers and no wording, so that a terminal, a log file and a viewer can each show
+them their own way; only a `Notice` is a sentence.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from asglight.images import Repair
+
+
+@dataclass(frozen=True)
+class Started:
+    """The input was found and the output can be written.
+
+    Attributes:
+        frames: Frames of the shot.
+        done: How many of them an earlier run has fitted.
+    """
+
+    frames: int
+    done: int
+
+
+@dataclass(frozen=True)
+class StepDone:
+    """One optimiser step of a frame, where a frame takes many.
+
+    Attributes:
+        frame: Frame number.
+        step: The step, from 1.
+        steps: Steps of this frame.
+        loss: The preset's own loss.
+    """
+
+    frame: int
+    step: int
+    steps: int
+    loss: float
+
+
+@dataclass(frozen=True)
+class FrameDone:
+    """One frame was fitted, and is safe on disk where there is a checkpoint.
+
+    Attributes:
+        frame: Frame number.
+        position: Its place in the shot, from 1.
+        frames: Frames of the shot.
+        loss: The preset's own loss.
+        flux_error: Flux of the lobes over that of the map, minus 1.
+        seconds: Time this frame took.
+        seconds_left: Expected time for the rest.
+        repair: What was changed in its image.
+    """
+
+    frame: int
+    position: int
+    frames: int
+    loss: float
+    flux_error: float
+    seconds: float
+    seconds_left: float
+    repair: Repair
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One line that the user should see; nothing stops."""
+
+    text: str
+
+
+Event = Started | StepDone | FrameDone | Notice
+OnProgress = Callable[[Event], None]
+
+
+def ignore(event: Event) -> None:
+    """Take an event and do nothing with it."""

@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A shot as a job: read, fit, checkpoint, resume, write.
+
+`fit_shot` is what a farm runs. Whatever ends it, the output is either the old file or the complete
+new one, and the frames fitted so far are kept beside it (checkpoint.py). `fit_sequence` is the same
+fit in memory.
+"""
+
+import contextlib
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import torch
+
+from asglight.errors import InputError
+from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
+from asglight.fitting.sequence import fit_frame
+from asglight.images import Sequence, open_sequence
+from asglight.images.message import shown
+from asglight.images.sequence import Missing
+from asglight.lobes import Form, Lobes, LobeTracks
+from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
+from asglight.shots.events import FrameDone, Notice, OnProgress, Started, StepDone, ignore
+from asglight.shots.reading import ReadFrame, read_ahead, stamp_of
+from asglight.shots.records import FrameRecord
+from asglight.shots.settings import (
+    Representation,
+    check_fps,
+    check_options,
+    check_output,
+    settings_of,
+)
+from asglight.shots.tracks import tracks_from
+
+if TYPE_CHECKING:
+    from asglight.usd import WriteReport
+
+RECENT_FRAMES = 8
+"""Frames whose mean time foretells the rest: enough to smooth, few enough to follow a change."""
+
+
+@dataclass(frozen=True)
+class ShotResult:
+    """A finished shot.
+
+    Attributes:
+        tracks: The lobes, as written.
+        records: Every frame with its loss, repair and time.
+        resumed: How many frames came from an earlier run.
+        written: What was written.
+    """
+
+    tracks: LobeTracks
+    records: tuple[FrameRecord, ...]
+    resumed: int
+    written: "WriteReport"
+
+
+def fit_shot(
+    source: str | Path,
+    output: str | Path,
+    options: FitOptions = FitOptions(),  # noqa: B008  frozen, so one default serves all calls
+    *,
+    frames: str | None = None,
+    fps: float = 24.0,
+    missing: Missing = "error",
+    layer: str | None = None,
+    representation: Representation = "cards",
+    resume: bool = False,
+    on_progress: OnProgress = ignore,
+) -> ShotResult:
+    """Fit a sequence and write it as a USD stage.
+
+    Each finished frame is saved in `<output>.checkpoint`, which is deleted when the stage is
+    written. With `resume` a run takes up the checkpoint of one that was interrupted and writes the
+    same bytes as an unbroken run; where there is no checkpoint it starts at the first frame, so a
+    farm can always ask for it. Without `resume` a run starts afresh and says that it does.
+
+    Args:
+        source: A file, a folder, or a pattern such as `sky.####.exr`.
+        output: The stage: .usda, .usdc or .usd.
+        options: Settings of the fit.
+        frames: Frames to use, such as `1001-1048`; None for all.
+        fps: Frames per second.
+        missing: `error`, or what stands in for a missing frame: `hold` or `interpolate`.
+        layer: Layer or part of OpenEXR files; None for the plain image.
+        representation: The variant that the stage opens with: `cards`, `distant` or `dome`.
+        resume: Go on from the checkpoint, if there is one.
+        on_progress: Called with each event.
+
+    Raises:
+        InputError: The input, a setting or the output cannot be used; or another run writes it.
+    """
+    from asglight.usd import write_usd  # loads pxr, which nothing else of a fit needs
+
+    output = Path(output)
+    check_options(options)
+    check_fps(fps)
+    check_output(output, representation)
+    sequence = open_sequence(source, frames=frames, missing=missing, height=FIT_HEIGHT, layer=layer)
+    header = header_of(settings_of(sequence, options, fps))
+    path = output.with_name(output.name + SUFFIX)
+    with Checkpoint(path, header, resume=resume) as checkpoint:
+        resumed = len(checkpoint.records)
+        _check_unchanged(sequence, checkpoint)
+        _tell_state(checkpoint, on_progress)
+        on_progress(Started(len(sequence), resumed))
+        for record in _fit_frames(sequence, options, checkpoint.records, on_progress):
+            checkpoint.append(record)
+            on_progress(_frame_done(checkpoint.records, resumed, len(sequence)))
+        tracks = tracks_from(checkpoint.records, sequence, options, fps)
+        written = write_usd(tracks, output, representation=representation)
+        checkpoint.remove()
+    return ShotResult(tracks, tuple(checkpoint.records), resumed, written)
+
+
+def fit_sequence(
+    source: str | Path,
+    *,
+    lobes: int = 15,
+    preset: str = Preset.FAST,
+    form: str = Form.ASG,
+    seed: int = 0,
+    device: str = "cpu",
+    frames: str | None = None,
+    fps: float = 24.0,
+    missing: Missing = "error",
+    layer: str | None = None,
+    on_progress: OnProgress = ignore,
+) -> LobeTracks:
+    """Fit lobes to a latlong image or sequence.
+
+    Example:
+        >>> tracks = asglight.fit_sequence("sky.####.exr", frames="1001-1048")
+        >>> asglight.write_usd(tracks, "sky.usda")
+
+    Args:
+        source: A file, a folder, or a pattern such as `sky.####.exr`.
+        lobes: Number of lobes, at most; those that are black in every frame are left out.
+        preset: How the fit is made: a value of `asglight.fitting.options.Preset`.
+        form: Lobe function: `asg`, `bingham` or `sg`.
+        seed: Of the presets that draw random numbers.
+        device: Where torch computes: `cpu`, `cuda`, `cuda:1`.
+        frames: Frames to use, such as `1001-1048`; None for all.
+        fps: Frames per second.
+        missing: `error`, or what stands in for a missing frame: `hold` or `interpolate`.
+        layer: Layer or part of OpenEXR files; None for the plain image.
+        on_progress: Called with each event of `asglight.shots.events`.
+
+    Raises:
+        InputError: The input or a setting cannot be used.
+    """
+    options = FitOptions(lobes, _preset(preset), _form(form), seed, device)
+    check_options(options)
+    check_fps(fps)
+    sequence = open_sequence(source, frames=frames, missing=missing, height=FIT_HEIGHT, layer=layer)
+    on_progress(Started(len(sequence), 0))
+    records: list[FrameRecord] = []
+    for record in _fit_frames(sequence, options, records, on_progress):
+        records.append(record)
+        on_progress(_frame_done(records, 0, len(sequence)))
+    return tracks_from(records, sequence, options, fps)
+
+
+def _fit_frames(
+    sequence: Sequence, options: FitOptions, done: list[FrameRecord], on_progress: OnProgress
+) -> Iterator[FrameRecord]:
+    """Fit the frames that follow those that are done."""
+    previous = done[-1].lobes if done else None
+    frames = list(sequence.frames[len(done) :])
+    with contextlib.closing(read_ahead(sequence, frames)) as images:
+        for frame in frames:
+            begin = time.perf_counter()
+            record = _fit_one(frame, next(images), options, previous, on_progress, begin)
+            previous = record.lobes
+            yield record
+
+
+def _fit_one(
+    frame: int,
+    read: ReadFrame,
+    options: FitOptions,
+    previous: Lobes | None,
+    on_progress: OnProgress,
+    begin: float,
+) -> FrameRecord:
+    """Fit one frame; what the next one starts from is exactly what a checkpoint keeps."""
+    fit = fit_frame(
+        read.image.radiance.to(options.device),
+        options,
+        None if previous is None else previous.to(options.device),
+        lambda step, steps, loss: on_progress(StepDone(frame, step, steps, loss)),
+    )
+    lobes = fit.lobes.to("cpu", torch.float32)
+    numbers = torch.cat(
+        [lobes.axes.flatten(), lobes.sharpness.flatten(), lobes.amplitude.flatten()]
+    )
+    if not bool(torch.isfinite(numbers).all()):
+        raise RuntimeError(f"frame {frame}: the fit has values that are not finite")
+    return FrameRecord(
+        frame=frame,
+        lobes=lobes,
+        loss=float(fit.loss),
+        flux_error=float(fit.flux_error),
+        repair=read.image.repair,
+        stamp=read.stamp,
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _frame_done(records: list[FrameRecord], resumed: int, frames: int) -> FrameDone:
+    """Return the event of the last record."""
+    last = records[-1]
+    recent = records[resumed:][-RECENT_FRAMES:]
+    # A shot's first frame is fitted from nothing and takes several times longer than the others.
+    if len(recent) > 1 and recent[0] is records[0]:
+        recent = recent[1:]
+    mean = sum(record.seconds for record in recent) / len(recent)
+    left = mean * (frames - len(records))
+    return FrameDone(
+        last.frame,
+        len(records),
+        frames,
+        last.loss,
+        last.flux_error,
+        last.seconds,
+        left,
+        last.repair,
+    )
+
+
+def _check_unchanged(sequence: Sequence, checkpoint: Checkpoint) -> None:
+    """Refuse to mix frames fitted to other images."""
+    for record in checkpoint.records:
+        if stamp_of(sequence, record.frame) != record.stamp:
+            raise InputError(
+                f"{shown(sequence.path(record.frame))}: has changed since frame {record.frame} was "
+                f"fitted; expected the same image. Delete {shown(checkpoint.path)} or leave out "
+                "--resume to start afresh."
+            )
+
+
+def _tell_state(checkpoint: Checkpoint, on_progress: OnProgress) -> None:
+    name = shown(checkpoint.path)
+    if checkpoint.left_aside:
+        frames = f"{checkpoint.left_aside} {'frame' if checkpoint.left_aside == 1 else 'frames'}"
+        on_progress(
+            Notice(f"{name}: {frames} of an earlier run not used; --resume would go on from there")
+        )
+    if not checkpoint.is_locked:
+        on_progress(
+            Notice(f"{name}: cannot be locked on this file system; start no second run on it")
+        )
+
+
+def _preset(name: str) -> Preset:
+    if name not in list(Preset):
+        raise InputError(f"preset: {shown(name)}; expected one of {', '.join(Preset)}.")
+    return Preset(name)
+
+
+def _form(name: str) -> Form:
+    if name not in list(Form):
+        raise InputError(f"form: {shown(name)}; expected one of {', '.join(Form)}.")
+    return Form(name)

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lines of a checkpoint: one JSON record each, with a checksum, and lobes exact to the bit.
+
+A line is `{"record":<JSON>,"crc32":"<8 hex digits>"}`; the CRC-32 is that of the bytes of <JSON>.
+Lobes are stored as base64 of little-endian float32: axes, sharpness and amplitude of each lobe one
+after the other, 14 numbers a lobe. A line is data only; reading one runs no code.
+"""
+
+import base64
+import dataclasses
+import json
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from asglight.images import Repair
+from asglight.lobes import Form, Lobes
+
+_HEAD = b'{"record":'
+_TAIL = b',"crc32":"%08x"}\n'
+_TAIL_LENGTH = len(_TAIL % 0)
+_NUMBERS_A_LOBE = 9 + 2 + 3
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """One fitted frame.
+
+    Attributes:
+        frame: Frame number.
+        lobes: Its lobes, float32 on the CPU.  [N, .]
+        loss: The preset's own loss.
+        flux_error: Flux of the lobes over that of the map, minus 1.
+        repair: What was changed in the image.
+        stamp: Size in bytes and modification time in ns of the image file.
+        seconds: Time the frame took, reading included.
+    """
+
+    frame: int
+    lobes: Lobes
+    loss: float
+    flux_error: float
+    repair: Repair
+    stamp: tuple[int, int]
+    seconds: float
+
+
+def line_from(record: dict[str, Any]) -> bytes:
+    """Return a record as a line with its checksum."""
+    body = json.dumps(record, separators=(",", ":")).encode()
+    return _HEAD + body + _TAIL % zlib.crc32(body)
+
+
+def parse_line(line: bytes) -> dict[str, Any] | None:
+    """Return the record of a line; None for a line that is cut off or damaged."""
+    body = line[len(_HEAD) : -_TAIL_LENGTH]
+    if line != _HEAD + body + _TAIL % zlib.crc32(body):
+        return None
+    record = json.loads(body)
+    return record if isinstance(record, dict) else None
+
+
+def to_json(record: FrameRecord) -> dict[str, Any]:
+    """Return a frame as JSON values."""
+    return {
+        "frame": record.frame,
+        "lobes": _text_from_lobes(record.lobes),
+        "loss": record.loss,
+        "flux_error": record.flux_error,
+        "repair": dataclasses.asdict(record.repair),
+        "stamp": list(record.stamp),
+        "seconds": record.seconds,
+    }
+
+
+def from_json(record: dict[str, Any], form: Form) -> FrameRecord:
+    """Return the frame that `to_json` made JSON values of.
+
+    Raises:
+        KeyError, TypeError, ValueError: The values are not such a frame.
+    """
+    repair = dict(record["repair"])
+    first, filled_from = repair.pop("first"), repair.pop("filled_from")
+    size, time = record["stamp"]
+    return FrameRecord(
+        frame=record["frame"],
+        lobes=_lobes_from_text(record["lobes"], form),
+        loss=record["loss"],
+        flux_error=record["flux_error"],
+        repair=Repair(
+            **repair, first=None if first is None else tuple(first), filled_from=tuple(filled_from)
+        ),
+        stamp=(size, time),
+        seconds=record["seconds"],
+    )
+
+
+def _text_from_lobes(lobes: Lobes) -> str:
+    assert lobes.axes.dtype == torch.float32, lobes.axes.dtype
+    parts = [lobes.axes.flatten(-2), lobes.sharpness, lobes.amplitude]
+    numbers = torch.cat(parts, dim=-1).numpy()  # [N, 14]
+    return base64.b64encode(numbers.astype("<f4").tobytes()).decode()
+
+
+def _lobes_from_text(text: str, form: Form) -> Lobes:
+    data = base64.b64decode(text, validate=True)
+    numbers = np.frombuffer(data, "<f4").reshape(-1, _NUMBERS_A_LOBE)
+    # Each tensor is copied into memory of its own, aligned as the tensors of an unbroken run are:
+    # the results of vectorised sums may depend on it.
+    axes, sharpness, amplitude = (
+        torch.from_numpy(part.astype(np.float32, order="C"))
+        for part in np.split(numbers, [9, 11], axis=1)
+    )
+    return Lobes(axes.reshape(-1, 3, 3).clone(), sharpness.clone(), amplitude.clone(), form)

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The settings of a shot: checked before anything starts, and named for checkpoint and stage."""
+
+import dataclasses
+import math
+import os
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import torch
+
+from asglight import __version__
+from asglight.errors import InputError
+from asglight.fitting.options import FitOptions
+from asglight.images import Sequence
+from asglight.images.message import shown
+
+LOBES_MAX = 256
+"""The normal equations of a fit grow with the square of the number of lobes: 21 MB at 256."""
+
+SEED_MAX = 2**63 - 1
+"""The largest seed that every torch generator takes."""
+
+STAGE_SUFFIXES = (".usda", ".usdc", ".usd")
+
+Representation = Literal["cards", "distant", "dome"]
+"""The variant that a stage opens with."""
+
+
+def check_options(options: FitOptions) -> None:
+    """Refuse settings that no fit can be made with.
+
+    Raises:
+        InputError: A value is out of range, or the device is not there.
+    """
+    if not 1 <= options.lobes <= LOBES_MAX:
+        raise InputError(f"lobes: {options.lobes}; expected 1 to {LOBES_MAX}.")
+    if not 0 <= options.seed <= SEED_MAX:
+        raise InputError(f"seed: {options.seed}; expected 0 to 2^63 - 1.")
+    if len(options.paper_steps) != 2 or min(options.paper_steps) < 1:
+        steps = ",".join(map(str, options.paper_steps))
+        raise InputError(
+            f"paper steps: {steps or 'none'}; expected two whole numbers from 1, such as "
+            "24000,6000: the first frame's and each next one's."
+        )
+    _check_device(options.device)
+
+
+def check_fps(fps: float) -> None:
+    """Refuse a frame rate that is not a positive number."""
+    if not (math.isfinite(fps) and fps > 0):
+        raise InputError(f"fps: {fps:g}; expected a number above 0, such as 24 or 23.976.")
+
+
+def check_output(output: Path, representation: str) -> None:
+    """Refuse an output that cannot become a USD stage.
+
+    Raises:
+        InputError: Its name has another extension, its folder is not there, or there is no such
+            representation.
+    """
+    if representation not in get_args(Representation):
+        raise InputError(
+            f"representation: {shown(representation)}; expected one of "
+            f"{', '.join(get_args(Representation))}."
+        )
+    if output.suffix.lower() not in STAGE_SUFFIXES or "\0" in str(output):
+        raise InputError(
+            f"{shown(output)}: its extension is {shown(output.suffix) or 'missing'}; expected "
+            f"{', '.join(STAGE_SUFFIXES[:-1])} or {STAGE_SUFFIXES[-1]}."
+        )
+    if os.path.isdir(output):
+        raise InputError(
+            f"{shown(output)}: is a folder; expected a file to write. Choose another name."
+        )
+    if not os.path.isdir(output.parent):
+        raise InputError(
+            f"{shown(output)}: there is no folder {shown(output.parent)}; expected one to write "
+            "into. Make it first."
+        )
+
+
+def settings_of(sequence: Sequence, options: FitOptions, fps: float) -> dict[str, Any]:
+    """Return everything that the fit depends on, as JSON values by name."""
+    return {
+        "asglight": __version__,
+        "source": os.path.abspath(sequence.pattern),
+        "layer": sequence.layer,
+        "missing": sequence.missing,
+        "height": sequence.height,
+        "frames": list(sequence.frames),
+        "fps": fps,
+        **options_as_json(options),
+    }
+
+
+def options_as_json(options: FitOptions) -> dict[str, Any]:
+    """Return the options as JSON values."""
+    return {name: _plain(value) for name, value in dataclasses.asdict(options).items()}
+
+
+def _plain(value: Any) -> Any:
+    """Return an enumeration's value as a bare string, and a tuple as a list."""
+    if isinstance(value, str):
+        return str(value)
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _check_device(name: str) -> None:
+    kind, _, index = name.partition(":")
+    if kind not in ("cpu", "cuda") or (index and not (kind == "cuda" and index.isdecimal())):
+        raise InputError(f"device: {shown(name) or 'none'}; expected cpu, cuda or cuda:<number>.")
+    if kind == "cpu":
+        return
+    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    if count == 0:
+        raise InputError(
+            "device: cuda, but torch finds no CUDA device here; expected one. Use --device cpu, "
+            "or install a torch built for CUDA and its driver."
+        )
+    if int(index or 0) >= count:
+        raise InputError(f"device: {name}; expected cuda:0 to cuda:{count - 1}, which are there.")

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From fitted frames to lobe tracks: continuous frames, black lobes left out, the account.
+
+The metadata holds nothing that differs between two runs on the same input, so that a resumed run
+writes the same bytes as an unbroken one: no time, no host, no absolute path.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from asglight import __version__
+from asglight.fitting.options import FitOptions
+from asglight.images import Sequence
+from asglight.lobes import Lobes, LobeTracks
+from asglight.lobes.data import stack
+from asglight.lobes.frames import continuous
+from asglight.shots.records import FrameRecord
+from asglight.shots.settings import options_as_json
+
+
+def tracks_from(
+    records: list[FrameRecord],
+    sequence: Sequence,
+    options: FitOptions,
+    fps: float,
+) -> LobeTracks:
+    """Return the tracks of a shot.
+
+    Args:
+        records: Every frame, in order.
+        sequence: Where they came from.
+        options: How they were fitted.
+        fps: Frames per second.
+    """
+    lobes = continuous(stack([record.lobes for record in records]))  # [F, N, .]
+    lit = lit_lobes(lobes)
+    metadata = {
+        "asglight": __version__,
+        "source": Path(sequence.pattern).name,
+        "layer": sequence.layer,
+        "missing": sequence.missing,
+        **options_as_json(options),
+        "left_out": lobes.count - int(lit.sum()),
+        "loss": [_finite(record.loss) for record in records],
+        "flux_error": [_finite(record.flux_error) for record in records],
+        "repairs": repairs_of(records),
+    }
+    return LobeTracks(sequence.frames, fps, lobes.select(lit), metadata)
+
+
+def lit_lobes(lobes: Lobes) -> torch.Tensor:
+    """Tell which lobes are not black in every frame; of a black shot, the first one.  [N].
+
+    A stage without any lobe would be no rig, so a black shot keeps one black light.
+    """
+    lit = (lobes.amplitude > 0).any(-1).any(0)  # [N]
+    if not bool(lit.any()):
+        lit[0] = True
+    return lit
+
+
+def repairs_of(records: list[FrameRecord]) -> dict[str, Any]:
+    """Sum the repairs of all frames.
+
+    Returns:
+        Numbers of negative and of non-finite texels, and the frames concerned: those with such
+        texels, and those without a file that others stand in for. The texels of a frame that stands
+        in for another count once.
+    """
+    found = [record for record in records if not record.repair.filled_from]
+    return {
+        "negative_texels": sum(record.repair.negative for record in found),
+        "nonfinite_texels": sum(record.repair.nonfinite for record in found),
+        "frames": [record.frame for record in found if record.repair.texels],
+        "frames_filled": [record.frame for record in records if record.repair.filled_from],
+    }
+
+
+def _finite(value: float) -> float | None:
+    """Return None for what JSON has no number for."""
+    return value if math.isfinite(value) else None

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Attributes on the level of Sdf: a default alone, or a default and the samples that are needed.
+
+The stage level would take twice the time for the same file. An attribute that does not change
+beyond its tolerance has a default only; any other has a default (the first frame's) and time
+samples, without those that interpolation reproduces (asglight.usd.samples).
+
+Symbols: F frames, K components.
+"""
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pxr import Gf, Sdf
+from torch import Tensor
+
+from asglight.usd import samples, schema
+
+FEW_SAMPLES = 0.5
+"""Share of the frames. A crate stores a list of times once for all attributes that share it; an
+attribute that keeps more samples than this is smaller with the list of all frames."""
+
+
+class TrackAuthor:
+    """Authors tracks over the same frames and counts their samples.
+
+    Attributes:
+        frames: Frame numbers.  [F]
+        written: Time samples authored.
+        left_out: Time samples that interpolation or a constant default reproduces.
+    """
+
+    def __init__(self, frames: tuple[int, ...]) -> None:
+        """Start counting."""
+        self.frames = np.asarray(frames, dtype=np.float64)
+        self.written = 0
+        self.left_out = 0
+
+    def track(self, prim: Sdf.PrimSpec, name: str, values: Tensor, tolerance: float) -> None:
+        """Author one attribute over all frames.
+
+        Args:
+            prim: Owner.
+            name: Attribute.
+            values: One value a frame; quaternions as (w, x, y, z).  [F, K]
+            tolerance: Relative error of a sample left out; quaternions have their own.
+        """
+        rounded = values.to(torch.float32).numpy()
+        kind = schema.VALUE_TYPES[name]
+        keep = self._needed(rounded, kind, tolerance)
+        self.held(prim, name, _to_gf(rounded, kind), keep)
+
+    def held(
+        self, prim: Sdf.PrimSpec, name: str, values: list[Any], keep: NDArray[np.bool_]
+    ) -> None:
+        """Author one attribute from F values, of which the marked ones become samples.
+
+        Args:
+            prim: Owner.
+            name: Attribute.
+            values: One value a frame, as USD stores it.
+            keep: Marks the samples; none leaves the default alone.  [F]
+        """
+        attribute = constant(prim, name, values[0])
+        for index in np.flatnonzero(keep).tolist():
+            prim.layer.SetTimeSample(attribute.path, float(self.frames[index]), values[index])
+        self.written += int(keep.sum())
+        self.left_out += len(keep) - int(keep.sum())
+
+    def _needed(
+        self, values: NDArray[np.float32], kind: Sdf.ValueTypeName, tolerance: float
+    ) -> NDArray[np.bool_]:
+        exact = values.astype(np.float64)
+        if kind == Sdf.ValueTypeNames.Quatf:
+            keep = samples.kept_quaternions(exact, self.frames)
+        else:
+            keep = samples.kept(exact, self.frames, tolerance)
+        few = keep.sum() <= FEW_SAMPLES * len(keep)
+        return keep if few else np.ones_like(keep)
+
+
+def constant(prim: Sdf.PrimSpec, name: str, value: Any) -> Sdf.AttributeSpec:
+    """Author an attribute with a default value."""
+    uniform = name in schema.UNIFORM
+    variability = Sdf.VariabilityUniform if uniform else Sdf.VariabilityVarying
+    attribute = Sdf.AttributeSpec(prim, name, schema.VALUE_TYPES[name], variability)
+    attribute.default = value
+    return attribute
+
+
+def _to_gf(values: NDArray[np.float32], kind: Sdf.ValueTypeName) -> list[Any]:
+    """Convert rows to what USD stores: float, Vec2f, Vec3f or Quatf.  [F, K] -> F values."""
+    rows = values.tolist()
+    if kind == Sdf.ValueTypeNames.Float:
+        return [row[0] for row in rows]
+    types = {
+        Sdf.ValueTypeNames.Float2: Gf.Vec2f,
+        Sdf.ValueTypeNames.Color3f: Gf.Vec3f,
+        Sdf.ValueTypeNames.Quatf: Gf.Quatf,
+    }
+    return [types[kind](*row) for row in rows]

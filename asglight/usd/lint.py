@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stage's own contract, rule by rule, in every representation.
+
+This covers what USD's validators leave open: time range and rate, defaults beside time samples,
+finite and sensible values, light units, image paths. Run UsdValidation as well for the rest. A
+finding names the prim or, with its variant, the attribute: `/AsgRig{representation=cards}Lobes/...`
+"""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom, UsdLux
+
+from asglight.usd import schema
+from asglight.usd.schema import Representation
+from asglight.usd.stage import find_rig, has_lobe_api, numbers, open_stage
+
+LIMITS = {
+    schema.COLOR: (0.0, 1.0),
+    schema.INTENSITY: (0.0, math.inf),
+    schema.WIDTH: (0.0, math.inf),
+    schema.HEIGHT: (0.0, math.inf),
+    schema.ANGLE: (0.0, 180.0),
+    schema.SHARPNESS: (0.0, math.inf),
+    schema.AMPLITUDE: (0.0, math.inf),
+}
+"""Lowest and highest value of each component. Beyond 180 degrees a normalised distant light no
+longer gives the irradiance that its intensity says."""
+
+
+def lint_stage(path: str | Path) -> list[str]:
+    """Check a stage against the contract that asglight's own stages keep.
+
+    Args:
+        path: The stage.
+
+    Returns:
+        Findings, one line each: `<prim or attribute>: <what was found>; expected <what>`.
+
+    Raises:
+        InputError: There is no such file or USD cannot read it.
+    """
+    stage = open_stage(path)
+    findings = list(_stage_findings(stage))
+    rig = find_rig(stage)
+    if rig is None:
+        return [*findings, f"/: no prim with {schema.LOBES}; expected /{schema.RIG}"]
+    findings += _lobe_findings(rig)
+    variants = rig.GetVariantSet(schema.VARIANT_SET)
+    missing = [name for name in Representation if name not in variants.GetVariantNames()]
+    if missing:
+        return [*findings, f"{rig.GetPath()}: no variant {', '.join(missing)}; expected all three"]
+    if variants.GetVariantSelection() not in set(Representation):
+        selected = variants.GetVariantSelection()
+        findings.append(f"{rig.GetPath()}: selects {selected!r}; expected one representation")
+    stage.SetEditTarget(stage.GetSessionLayer())
+    seen: set[Sdf.Path] = set()
+    times: set[float] = set()
+    for representation in Representation:
+        variants.SetVariantSelection(representation)
+        findings += _representation_findings(rig, representation)
+        for prim in Usd.PrimRange(rig):
+            for attribute in prim.GetAuthoredAttributes():
+                place = attribute.GetPropertyStack()[0].path
+                if place not in seen:
+                    seen.add(place)
+                    times.update(attribute.GetTimeSamples())
+                    findings += [f"{place}: {text}" for text in _attribute_findings(attribute)]
+    return findings + list(_range_findings(stage, times))
+
+
+def _stage_findings(stage: Usd.Stage) -> Iterator[str]:
+    root = stage.GetRootLayer()
+    if root.defaultPrim != schema.RIG:
+        yield f"/: defaultPrim is {root.defaultPrim!r}; expected {schema.RIG}"
+    if not stage.HasAuthoredMetadata("upAxis") or UsdGeom.GetStageUpAxis(stage) != "Y":
+        yield f"/: upAxis is {stage.GetMetadata('upAxis')!r}; expected an explicit Y"
+    if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+        yield "/: metersPerUnit is not authored; expected an explicit length"
+    rates = root.timeCodesPerSecond, root.framesPerSecond
+    authored = root.HasTimeCodesPerSecond() and root.HasFramesPerSecond()
+    if not authored or rates[0] != rates[1] or not rates[0] > 0:
+        yield f"/: timeCodesPerSecond and framesPerSecond are {rates}; expected one explicit rate"
+    if not stage.HasAuthoredTimeCodeRange():
+        yield "/: startTimeCode or endTimeCode is not authored; expected the frame range"
+
+
+def _range_findings(stage: Usd.Stage, times: set[float]) -> Iterator[str]:
+    if not times or not stage.HasAuthoredTimeCodeRange():
+        return
+    stated = (stage.GetStartTimeCode(), stage.GetEndTimeCode())
+    found = (min(times), max(times))
+    if stated != found:
+        yield (
+            f"/: time codes run from {stated[0]:g} to {stated[1]:g}, samples from "
+            f"{found[0]:g} to {found[1]:g}; expected the same range"
+        )
+
+
+def _lobe_findings(rig: Usd.Prim) -> Iterator[str]:
+    lobes = rig.GetChild(schema.LOBES).GetChildren()
+    if not lobes:
+        yield f"{rig.GetPath()}/{schema.LOBES}: empty; expected lobes"
+    for lobe in lobes:
+        if not has_lobe_api(lobe):
+            yield f"{lobe.GetPath()}: without {schema.LOBE_API}; expected it on every lobe"
+
+
+def _representation_findings(rig: Usd.Prim, representation: Representation) -> Iterator[str]:
+    """Check that each lobe, or the dome, is lit, and that no other kind of light is active."""
+    expected = schema.LIGHT_TYPES[representation]
+    for light in Usd.PrimRange(rig):
+        if light.HasAPI(UsdLux.LightAPI) and light.GetTypeName() != expected:
+            yield (
+                f"{light.GetPath()}: is a {light.GetTypeName()} in {representation}; "
+                f"expected only {expected}"
+            )
+    dome = representation is Representation.DOME
+    lit = [rig] if dome else rig.GetChild(schema.LOBES).GetChildren()
+    for prim in lit:
+        if not any(light.HasAPI(UsdLux.LightAPI) for light in Usd.PrimRange(prim)):
+            yield f"{prim.GetPath()}: no light in {representation}; expected a {expected}"
+
+
+def _attribute_findings(attribute: Usd.Attribute) -> Iterator[str]:
+    name = attribute.GetName()
+    times = attribute.GetTimeSamples()
+    default = attribute.Get()
+    source = attribute.GetResolveInfo(Usd.TimeCode.Default()).GetSource()
+    if times and source != Usd.ResolveInfoSourceDefault:
+        yield "time samples without a default; expected both"
+    if name == schema.OP_ORDER:
+        yield from _transform_findings(attribute)
+    elif name == schema.EXPOSURE:
+        yield f"is {default}; expected no exposure, intensity says it all"
+    elif name == schema.NORMALIZE:
+        wanted = attribute.GetPrim().GetTypeName() == schema.LIGHT_TYPES[Representation.DISTANT]
+        if default is not wanted:
+            yield f"is {default}; expected {wanted} on a {attribute.GetPrim().GetTypeName()}"
+    elif name == schema.TEXTURE_FORMAT and default != "latlong":
+        yield f"is {default!r}; expected 'latlong'"
+    elif attribute.GetTypeName() == Sdf.ValueTypeNames.Asset:
+        yield from _asset_findings(attribute, times)
+    elif schema.VALUE_TYPES.get(name) == attribute.GetTypeName():
+        yield from _number_findings(attribute, times)
+
+
+def _transform_findings(attribute: Usd.Attribute) -> Iterator[str]:
+    """Report ops that can scale: renderers disagree on the size of a scaled light."""
+    for op in UsdGeom.Xformable(attribute.GetPrim()).GetOrderedXformOps():
+        kind = op.GetOpType()
+        if "scale" in op.GetOpName() or kind == UsdGeom.XformOp.TypeTransform:
+            yield f"{op.GetOpName()}; expected translation and rotation only"
+
+
+def _asset_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[str]:
+    codes = [Usd.TimeCode.Default(), *map(Usd.TimeCode, times)]
+    for code in codes:
+        asset = attribute.Get(code)
+        if asset is None:
+            continue
+        at = "" if code.IsDefault() else f" at frame {code.GetValue():g}"
+        if Path(asset.path).is_absolute() or not asset.path.startswith("."):
+            yield f"is {asset.path}{at}; expected a path relative to the stage"
+        elif not Path(asset.resolvedPath or "missing").is_file():
+            yield f"is {asset.path}{at}, which is not there; expected an image"
+
+
+def _number_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[str]:
+    kind = attribute.GetTypeName()
+    if kind not in (
+        Sdf.ValueTypeNames.Float,
+        Sdf.ValueTypeNames.Float2,
+        Sdf.ValueTypeNames.Color3f,
+        Sdf.ValueTypeNames.Double3,
+        Sdf.ValueTypeNames.Quatf,
+    ):
+        return
+    query = Usd.AttributeQuery(attribute)
+    values = [query.Get(), *(query.Get(time) for time in times)]
+    present = [value for value in values if value is not None]
+    rows = numbers(present, kind)
+    low, high = LIMITS.get(attribute.GetName(), (-math.inf, math.inf))
+    finite = np.isfinite(rows).all(-1)
+    inside = (rows >= low).all(-1) & (rows <= high).all(-1)
+    for good, expected in ((finite, "finite numbers"), (inside | ~finite, f"{low:g} to {high:g}")):
+        if not good.all():
+            yield f"is {present[int(np.flatnonzero(~good)[0])]}; expected {expected}"

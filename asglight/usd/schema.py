@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The words of the stage: prim paths, attribute names and their types.
+
+    /AsgRig                 Xform; variant set `representation`; custom data `asglight`
+    /AsgRig/Lobes/lobe_NN   the lobe: AsgLobeAPI and xformOp:orient, outside the variants
+        cards               RectLight at (0, 0, distance) of the lobe frame
+        distant             DistantLight
+        dome                Xform: data only
+    /AsgRig/Dome            DomeLight, in the variant dome only
+
+A light shines along its local -Z. A lobe of the bingham form shines from two sides: in `cards` and
+`distant` its prim is an Xform that holds two lights, `front` (axis_z) and `back` (-axis_z).
+"""
+
+from enum import StrEnum
+from pathlib import Path
+
+from pxr import Sdf
+
+SCHEMA_FOLDER = Path(__file__).resolve().parent / "resources"
+"""The codeless schema; USD finds it when PXR_PLUGINPATH_NAME names this folder."""
+
+FORMAT_VERSION = 1
+"""Version of the stage layout, stored with the stage."""
+
+LOBE_API = "AsgLobeAPI"
+RIG, LOBES, DOME = "AsgRig", "Lobes", "Dome"
+SIDES = ("front", "back")
+VARIANT_SET = "representation"
+
+CUSTOM_DATA = "asglight"
+"""Key of the custom data on the rig: {int version, string metadata (JSON), int[] frames}."""
+
+ORIENT = "xformOp:orient"
+TRANSLATE = "xformOp:translate:dist"
+ORIENT_BACK = "xformOp:orient:back"
+OP_ORDER = "xformOpOrder"
+SHARPNESS, AMPLITUDE, FORM = "asg:sharpness", "asg:amplitude", "asg:form"
+WIDTH, HEIGHT, ANGLE = "inputs:width", "inputs:height", "inputs:angle"
+INTENSITY, COLOR, NORMALIZE = "inputs:intensity", "inputs:color", "inputs:normalize"
+TEXTURE, TEXTURE_FORMAT = "inputs:texture:file", "inputs:texture:format"
+EXPOSURE = "inputs:exposure"
+
+VALUE_TYPES = {
+    ORIENT: Sdf.ValueTypeNames.Quatf,
+    ORIENT_BACK: Sdf.ValueTypeNames.Quatf,
+    TRANSLATE: Sdf.ValueTypeNames.Double3,
+    OP_ORDER: Sdf.ValueTypeNames.TokenArray,
+    SHARPNESS: Sdf.ValueTypeNames.Float2,
+    AMPLITUDE: Sdf.ValueTypeNames.Color3f,
+    FORM: Sdf.ValueTypeNames.Token,
+    WIDTH: Sdf.ValueTypeNames.Float,
+    HEIGHT: Sdf.ValueTypeNames.Float,
+    ANGLE: Sdf.ValueTypeNames.Float,
+    INTENSITY: Sdf.ValueTypeNames.Float,
+    COLOR: Sdf.ValueTypeNames.Color3f,
+    NORMALIZE: Sdf.ValueTypeNames.Bool,
+    TEXTURE: Sdf.ValueTypeNames.Asset,
+    TEXTURE_FORMAT: Sdf.ValueTypeNames.Token,
+}
+
+UNIFORM = frozenset({OP_ORDER, FORM})
+"""Attributes that cannot change over time; UsdLux inputs are all varying."""
+
+
+class Representation(StrEnum):
+    """The three ways in which a stage shows the same lobes."""
+
+    CARDS = "cards"
+    """One rectangular area light a lobe, of its flux and second moments."""
+    DISTANT = "distant"
+    """One distant light a lobe, of its irradiance and second moment; for real-time engines."""
+    DOME = "dome"
+    """One dome light with an image of all lobes; exact to the texel."""
+
+
+LIGHT_TYPES = {
+    Representation.CARDS: "RectLight",
+    Representation.DISTANT: "DistantLight",
+    Representation.DOME: "DomeLight",
+}
+
+
+def lobe_names(count: int) -> list[str]:
+    """Return `lobe_00`, `lobe_01`, ..., of equal length so that they sort in order."""
+    digits = max(2, len(str(count - 1)))
+    return [f"lobe_{index:0{digits}d}" for index in range(count)]

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tiny sequences, and ways to run the command line, for the tests of the commands."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+RUN = "import sys\nfrom asglight.cli.main import main\n{hook}\nsys.exit(main(sys.argv[1:]))"
+
+
+def sky(frame: int, height: int = 8) -> np.ndarray:
+    """Return an even sky with one lamp that moves a column a frame.  [H, 2 H, 3]."""
+    values = np.full((height, 2 * height, 3), 0.1, dtype=np.float32)
+    values[height // 3, frame % (2 * height)] = (9.0, 6.0, 3.0)
+    return values
+
+
+def write_frame(path: Path, values: np.ndarray) -> Path:
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": values}).write(str(path))
+    return path
+
+
+def write_sequence(folder: Path, frames: range = range(1001, 1005)) -> Path:
+    """Write `sky.####.exr` into a new folder and return the folder."""
+    folder.mkdir()
+    for frame in frames:
+        write_frame(folder / f"sky.{frame}.exr", sky(frame))
+    return folder
+
+
+def run_asglight(*arguments: str | Path, hook: str = "") -> subprocess.CompletedProcess[str]:
+    """Run a command in a process of its own, after a few lines of Python."""
+    return subprocess.run(
+        [sys.executable, "-c", RUN.format(hook=hook), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: Apache-2.0
+import os
+from pathlib import Path
+
+import pytest
+import shot_files
+import torch
+
+from asglight import read_usd
+from asglight.errors import InputError
+from asglight.fitting.options import FitOptions
+from asglight.fitting.sequence import fit_frames
+from asglight.lobes import asg
+from asglight.shots import fit_sequence, fit_shot, job
+from asglight.shots.checkpoint import SUFFIX
+from asglight.shots.events import Event, FrameDone, Notice, Started, StepDone
+from asglight.sphere.quadrature import fibonacci_directions
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    return shot_files.write_sequence(tmp_path / "in")
+
+
+@pytest.fixture
+def output(tmp_path: Path) -> Path:
+    (tmp_path / "out").mkdir()
+    return tmp_path / "out" / "shot.usda"
+
+
+def interrupted(source: Path, output: Path, frames: int) -> None:
+    """Run a shot and interrupt it after some frames."""
+    seen: list[FrameDone] = []
+
+    def stop(event: Event) -> None:
+        if isinstance(event, FrameDone):
+            seen.append(event)
+        if len(seen) == frames:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fit_shot(source, output, shot_files.OPTIONS, on_progress=stop)
+
+
+def test_a_shot_is_the_fit_of_its_frames_in_order(source: Path, output: Path) -> None:
+    result = fit_shot(source, output, shot_files.OPTIONS)
+    images = [torch.from_numpy(shot_files.sky(frame)) for frame in range(1001, 1005)]
+    directions = fibonacci_directions(50)
+    for index, fit in enumerate(fit_frames(images, shot_files.OPTIONS)):
+        expected = asg.evaluate(fit.lobes, directions)
+        found = asg.evaluate(result.tracks.lobes[index], directions)
+        # The frames may be turned between equals, which reorders float32 sums.
+        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_the_stage_holds_the_tracks(source: Path, output: Path) -> None:
+    result = fit_shot(source, output, shot_files.OPTIONS, fps=25.0)
+    tracks = read_usd(output)
+    assert tracks.frames == (1001, 1002, 1003, 1004)
+    assert tracks.fps == 25.0
+    assert dict(tracks.metadata) == dict(result.tracks.metadata)
+    # a sample left out of the stage is reproduced to 1e-6 of the attribute's range
+    torch.testing.assert_close(
+        tracks.lobes.amplitude, result.tracks.lobes.amplitude, rtol=1e-5, atol=1e-5
+    )
+
+
+def test_nothing_is_left_beside_the_stage(source: Path, output: Path) -> None:
+    fit_shot(source, output, shot_files.OPTIONS)
+    assert not [path for path in output.parent.iterdir() if path.name.startswith(".")]
+    assert not output.with_name(output.name + SUFFIX).exists()
+
+
+def test_events_tell_start_frames_and_time_left(source: Path, output: Path) -> None:
+    events: list[Event] = []
+    fit_shot(source, output, shot_files.OPTIONS, on_progress=events.append)
+    assert events[0] == Started(4, 0)
+    done = [event for event in events if isinstance(event, FrameDone)]
+    assert [(event.frame, event.position, event.frames) for event in done] == [
+        (1001, 1, 4),
+        (1002, 2, 4),
+        (1003, 3, 4),
+        (1004, 4, 4),
+    ]
+    assert done[-1].seconds_left == 0
+    # after the second frame the slow first one no longer counts
+    assert done[1].seconds_left == pytest.approx(2 * done[1].seconds)
+
+
+def test_the_paper_preset_tells_its_steps(source: Path, output: Path) -> None:
+    events: list[Event] = []
+    options = FitOptions(lobes=2, preset=job.Preset.PAPER, paper_steps=(3, 2))
+    fit_shot(source, output, options, frames="1001-1002", on_progress=events.append)
+    steps = [(e.frame, e.step, e.steps) for e in events if isinstance(e, StepDone)]
+    assert steps == [(1001, 1, 3), (1001, 2, 3), (1001, 3, 3), (1002, 1, 2), (1002, 2, 2)]
+
+
+@pytest.mark.parametrize("frames", [1, 3, 4])
+def test_a_resumed_shot_is_the_unbroken_one_byte_for_byte(
+    source: Path, output: Path, frames: int
+) -> None:
+    unbroken = output.with_name("unbroken") / output.name
+    unbroken.parent.mkdir()
+    fit_shot(source, unbroken, shot_files.OPTIONS)
+    interrupted(source, output, frames)
+    assert not output.exists()
+    result = fit_shot(source, output, shot_files.OPTIONS, resume=True)
+    assert result.resumed == frames
+    assert output.read_bytes() == unbroken.read_bytes()
+
+
+def test_starting_afresh_over_a_checkpoint_is_told(source: Path, output: Path) -> None:
+    interrupted(source, output, 2)
+    events: list[Event] = []
+    result = fit_shot(source, output, shot_files.OPTIONS, on_progress=events.append)
+    assert result.resumed == 0
+    notices = [event.text for event in events if isinstance(event, Notice)]
+    assert len(notices) == 1
+    assert notices[0].endswith(
+        "shot.usda.checkpoint: 2 frames of an earlier run not used; --resume would go on from there"
+    )
+
+
+def test_a_shot_without_locks_is_told(
+    source: Path, output: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = job.Checkpoint.__init__
+
+    def unlocked(self: job.Checkpoint, *args: object, **kwargs: object) -> None:
+        opened(self, *args, **kwargs)  # pyright: ignore[reportArgumentType]
+        self.is_locked = False
+
+    monkeypatch.setattr(job.Checkpoint, "__init__", unlocked)
+    events: list[Event] = []
+    fit_shot(source, output, shot_files.OPTIONS, on_progress=events.append)
+    assert [e.text for e in events if isinstance(e, Notice) and "cannot be locked" in e.text]
+
+
+def test_an_image_that_changed_since_is_refused_on_resume(source: Path, output: Path) -> None:
+    interrupted(source, output, 2)
+    os.utime(source / "sky.1002.exr", (1, 1))
+    with pytest.raises(InputError, match=r"sky\.1002\.exr: has changed since frame 1002"):
+        fit_shot(source, output, shot_files.OPTIONS, resume=True)
+
+
+def test_a_bad_frame_stops_the_shot_and_keeps_what_was_done(source: Path, output: Path) -> None:
+    output.write_text("the old stage")
+    good = (source / "sky.1003.exr").read_bytes()
+    (source / "sky.1003.exr").write_bytes(good[: len(good) // 2])
+    with pytest.raises(InputError, match=r"sky\.1003\.exr"):
+        fit_shot(source, output, shot_files.OPTIONS)
+    assert output.read_text() == "the old stage"
+    (source / "sky.1003.exr").write_bytes(good)
+    assert fit_shot(source, output, shot_files.OPTIONS, resume=True).resumed == 2
+
+
+def test_a_bad_first_frame_leaves_nothing_behind(source: Path, output: Path) -> None:
+    (source / "sky.1001.exr").write_text("no image")
+    with pytest.raises(InputError, match=r"sky\.1001\.exr"):
+        fit_shot(source, output, shot_files.OPTIONS)
+    assert list(output.parent.iterdir()) == []
+
+
+def test_an_output_that_cannot_be_written_is_found_before_the_first_frame(
+    source: Path, output: Path
+) -> None:
+    output.with_name(output.name + SUFFIX).mkdir()
+    events: list[Event] = []
+    with pytest.raises(InputError, match="cannot be written"):
+        fit_shot(source, output, shot_files.OPTIONS, on_progress=events.append)
+    assert events == []
+
+
+def test_missing_frames_are_filled_and_accounted_for(source: Path, output: Path) -> None:
+    (source / "sky.1003.exr").unlink()
+    result = fit_shot(source, output, shot_files.OPTIONS, missing="interpolate")
+    assert result.records[2].repair.filled_from == (1002, 1004)
+    assert result.tracks.metadata["repairs"]["frames_filled"] == [1003]
+
+
+def test_a_black_sequence_becomes_a_stage(tmp_path: Path, output: Path) -> None:
+    folder = tmp_path / "black"
+    folder.mkdir()
+    for frame in (1, 2):
+        shot_files.write_frame(folder / f"a.{frame}.exr", 0 * shot_files.sky(frame))
+    result = fit_shot(folder, output, shot_files.OPTIONS)
+    assert result.tracks.metadata["left_out"] == 1
+    assert float(read_usd(output).lobes.amplitude.max()) == 0
+
+
+def test_a_fit_that_is_not_finite_is_a_bug_and_is_never_kept(
+    source: Path, output: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    original = job.fit_frame
+
+    def broken(*args: object, **kwargs: object) -> object:
+        fit = original(*args, **kwargs)  # pyright: ignore[reportArgumentType]
+        fit.lobes.sharpness[0, 0] = float("nan")
+        return fit
+
+    monkeypatch.setattr(job, "fit_frame", broken)
+    with pytest.raises(RuntimeError, match="frame 1001: the fit has values that are not finite"):
+        fit_shot(source, output, shot_files.OPTIONS)
+    assert list(output.parent.iterdir()) == []
+
+
+def test_fit_sequence_gives_the_tracks_of_fit_shot(source: Path, output: Path) -> None:
+    tracks = fit_sequence(source, lobes=2)
+    written = fit_shot(source, output, shot_files.OPTIONS).tracks
+    assert torch.equal(tracks.lobes.axes, written.lobes.axes)
+    assert torch.equal(tracks.lobes.amplitude, written.lobes.amplitude)
+    assert dict(tracks.metadata) == dict(written.metadata)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"preset": "magic"}, "preset: magic; expected one of fast"),
+        ({"form": "cube"}, "form: cube; expected one of asg, bingham, sg"),
+        ({"lobes": 0}, "lobes: 0"),
+        ({"fps": -1.0}, "fps: -1"),
+        ({"frames": "x"}, "frames: x; expected whole frames"),
+    ],
+)
+def test_fit_sequence_refuses_what_it_cannot_use(
+    source: Path, options: dict[str, object], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        fit_sequence(source, **options)  # pyright: ignore[reportArgumentType]

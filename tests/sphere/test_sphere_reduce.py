@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exact reduction of latlong maps against flux, brute-force overlaps and literal values."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from asglight.sphere import latlong
+
+sizes = st.tuples(st.integers(1, 23), st.integers(1, 31))
+
+ROUNDING = 1e-13
+"""Relative, float64: sums of at most a thousand terms."""
+
+
+def _random_map(height: int, width: int, seed: int = 0) -> torch.Tensor:
+    values = np.random.default_rng(seed).lognormal(sigma=2.0, size=(height, width, 3))
+    return torch.from_numpy(values)
+
+
+def _flux(radiance: torch.Tensor) -> np.ndarray:
+    height, width, _ = radiance.shape
+    edges = np.sin(np.pi / 2 - np.pi * np.arange(height + 1) / height)
+    bands = 2 * np.pi / width * (edges[:-1] - edges[1:])
+    return (radiance.numpy() * bands[:, None, None]).sum((0, 1))
+
+
+def _brute_force(radiance: np.ndarray, height: int, width: int) -> np.ndarray:
+    """Average by visiting every pair of texels and measuring their common area in radians."""
+    rows, columns, channels = radiance.shape
+    result = np.zeros((height, width, channels))
+    for j, i in np.ndindex(height, width):
+        area = 0.0
+        for b, a in np.ndindex(rows, columns):
+            top = max(math.pi * j / height, math.pi * b / rows)
+            bottom = min(math.pi * (j + 1) / height, math.pi * (b + 1) / rows)
+            left = max(2 * math.pi * i / width, 2 * math.pi * a / columns)
+            right = min(2 * math.pi * (i + 1) / width, 2 * math.pi * (a + 1) / columns)
+            if bottom > top and right > left:
+                common = (right - left) * (math.cos(top) - math.cos(bottom))
+                result[j, i] += common * radiance[b, a]
+                area += common
+        result[j, i] /= area
+    return result
+
+
+@settings(deadline=None, max_examples=80)
+@given(source=sizes, target=sizes)
+def test_reduce_conserves_flux_for_any_pair_of_sizes(
+    source: tuple[int, int], target: tuple[int, int]
+) -> None:
+    radiance = _random_map(*source)
+    reduced = latlong.reduce(radiance, *target)
+    assert reduced.shape == (*target, 3)
+    np.testing.assert_allclose(_flux(reduced), _flux(radiance), rtol=ROUNDING)
+
+
+@settings(deadline=None, max_examples=40)
+@given(source=sizes, target=sizes, level=st.floats(1e-6, 1e6))
+def test_reduce_keeps_a_constant_map(
+    source: tuple[int, int], target: tuple[int, int], level: float
+) -> None:
+    reduced = latlong.reduce(torch.full((*source, 3), level, dtype=torch.float64), *target)
+    np.testing.assert_allclose(reduced.numpy(), level, rtol=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ("source", "target"),
+    [((7, 11), (3, 4)), ((4, 8), (2, 4)), ((5, 9), (8, 13)), ((6, 6), (1, 1)), ((2, 3), (6, 9))],
+)
+def test_reduce_is_the_area_average(source: tuple[int, int], target: tuple[int, int]) -> None:
+    radiance = _random_map(*source, seed=1)
+    expected = _brute_force(radiance.numpy(), *target)
+    np.testing.assert_allclose(latlong.reduce(radiance, *target).numpy(), expected, rtol=ROUNDING)
+
+
+def test_reduce_splits_a_band_at_its_latitude() -> None:
+    # edges at +-30 degrees: the outer bands lie in one hemisphere, the middle one in both
+    two_rows = torch.tensor([[[1.0]], [[5.0]]], dtype=torch.float64)
+    three_rows = latlong.reduce(two_rows, 3, 1).flatten()
+    assert three_rows.tolist() == pytest.approx([1, 3, 5], rel=ROUNDING)
+    # of the upper hemisphere's area, the polar half (above 45 degrees) is 1 - sin 45
+    four_rows = torch.tensor([2.0, 7.0, 0.0, 0.0], dtype=torch.float64).reshape(4, 1, 1)
+    polar = 1 - math.sqrt(0.5)
+    top = latlong.reduce(four_rows, 2, 1)[0].item()
+    assert top == pytest.approx(2 * polar + 7 * (1 - polar), rel=ROUNDING)
+
+
+def test_reduce_of_a_ramp_has_no_half_texel_shift() -> None:
+    ramp = torch.arange(12, dtype=torch.float64).reshape(1, 12, 1).expand(6, 12, 1)
+    halved = latlong.reduce(ramp, 3, 6)
+    np.testing.assert_allclose(halved[0, :, 0].numpy(), [0.5, 2.5, 4.5, 6.5, 8.5, 10.5], rtol=1e-14)
+    doubled = latlong.reduce(ramp, 6, 24)
+    np.testing.assert_allclose(doubled[2, :, 0].numpy(), np.repeat(np.arange(12), 2), atol=1e-14)
+
+
+def test_reduce_of_a_row_ramp_keeps_up_up() -> None:
+    ramp = torch.arange(6, dtype=torch.float64).reshape(6, 1, 1).expand(6, 4, 1)
+    doubled = latlong.reduce(ramp, 12, 4)
+    np.testing.assert_allclose(doubled[:, 1, 0].numpy(), np.repeat(np.arange(6), 2), atol=1e-13)
+
+
+def test_reduce_does_not_mix_the_columns_beside_the_seam() -> None:
+    radiance = torch.zeros(4, 8, 1, dtype=torch.float64)
+    radiance[:, 0] = 1
+    reduced = latlong.reduce(radiance, 2, 4)
+    expected = torch.tensor([0.5, 0, 0, 0], dtype=torch.float64).expand(2, 4)[..., None]
+    torch.testing.assert_close(reduced, expected, rtol=0, atol=1e-15)
+
+
+def test_reduce_to_the_same_size_returns_the_map_and_keeps_the_dtype() -> None:
+    radiance = _random_map(4, 8).float()
+    assert torch.equal(latlong.reduce(radiance, 4, 8), radiance)
+    assert latlong.reduce(radiance, 3, 5).dtype == torch.float32
+
+
+def test_reduce_of_one_bright_texel_keeps_its_flux_in_float32() -> None:
+    # half-range sun of 1e6 in a texel beside the pole: float32 weights have 6e-8 each
+    radiance = torch.zeros(64, 128, 3)
+    radiance[0, 3] = 1e6
+    reduced = latlong.reduce(radiance, 7, 11)
+    np.testing.assert_allclose(_flux(reduced.double()), _flux(radiance.double()), rtol=1e-6)

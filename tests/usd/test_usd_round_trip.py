@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is written comes back: the same function of direction, the same frames and metadata."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pxr import Sdf, Usd
+from usd_tracks import METADATA, edited, moving, still
+
+from asglight.lobes import Form, LobeTracks
+from asglight.usd import read_usd, write_usd
+
+
+def precision(tracks: LobeTracks) -> np.ndarray:
+    """Return sx x x^T + sy y y^T, relative to its largest entry; equal frames give the same."""
+    axes, sharpness = tracks.lobes.axes.double(), tracks.lobes.sharpness.double()
+    matrix = torch.einsum("fnk,fnki,fnkj->fnij", sharpness, axes[..., :2, :], axes[..., :2, :])
+    return (matrix / sharpness.amax(-1)[..., None, None]).numpy()
+
+
+def assert_same(back: LobeTracks, tracks: LobeTracks) -> None:
+    assert back.frames == tracks.frames
+    assert back.fps == tracks.fps
+    assert back.lobes.form is tracks.lobes.form
+    assert back.metadata == tracks.metadata
+    np.testing.assert_allclose(back.lobes.amplitude, tracks.lobes.amplitude, rtol=1.1e-6)
+    np.testing.assert_allclose(
+        back.lobes.sharpness.sort(-1).values, tracks.lobes.sharpness.sort(-1).values, rtol=1.1e-6
+    )
+    axis_z, wanted = back.lobes.axis_z.double(), tracks.lobes.axis_z.double()
+    if tracks.lobes.form is Form.BINGHAM:
+        axis_z = axis_z * (axis_z * wanted).sum(-1, keepdim=True).sign()
+    np.testing.assert_allclose(axis_z, wanted, atol=1e-6)
+    if tracks.lobes.form is not Form.SG:  # an sg has no x and y of its own
+        np.testing.assert_allclose(precision(back), precision(tracks), atol=2e-6)
+
+
+@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize("extension", ["usda", "usdc", "usd"])
+def test_moving_tracks_come_back(form, extension, tmp_path):
+    tracks = moving(range(1001, 1033), form=form)
+    path = tmp_path / f"shot.{extension}"
+    write_usd(tracks, path, dome_height=2)
+    assert_same(read_usd(path), tracks)
+
+
+@pytest.mark.parametrize("form", Form)
+def test_noisy_tracks_come_back(form, tmp_path):
+    tracks = moving(range(7), form=form, jitter=0.5)
+    write_usd(tracks, tmp_path / "shot.usdc", dome_height=2)
+    assert_same(read_usd(tmp_path / "shot.usdc"), tracks)
+
+
+def test_one_frame_comes_back(tmp_path):
+    tracks = still()
+    write_usd(tracks, tmp_path / "shot.usda", dome_height=2)
+    assert_same(read_usd(tmp_path / "shot.usda"), tracks)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    frames=st.lists(st.integers(-50, 3000), min_size=1, max_size=6, unique=True).map(sorted),
+    fps=st.sampled_from([23.976, 24.0, 29.97, 120.0]),
+)
+def test_any_frames_and_rate_come_back(frames, fps, tmp_path_factory):
+    moved = moving(frames)
+    tracks = LobeTracks(moved.frames, fps, moved.lobes, {})
+    path = tmp_path_factory.mktemp("frames") / "shot.usda"
+    write_usd(tracks, path, dome_height=2)
+    assert_same(read_usd(path), tracks)
+
+
+def test_frames_without_a_gap_are_not_listed(tmp_path):
+    write_usd(moving(range(1001, 1005)), tmp_path / "whole.usda", dome_height=2)
+    write_usd(moving([1001, 1003, 1005]), tmp_path / "step.usda", dome_height=2)
+    assert "frames = " not in (tmp_path / "whole.usda").read_text()
+    assert "int[] frames = [1001, 1003, 1005]" in (tmp_path / "step.usda").read_text()
+
+
+def test_a_shortened_range_leaves_the_listed_frames_within_it(tmp_path):
+    path = tmp_path / "shot.usda"
+    write_usd(moving([1001, 1003, 1005, 1007]), path, dome_height=2)
+    edited(path, lambda layer: setattr(layer, "endTimeCode", 1005))
+    assert read_usd(path).frames == (1001, 1003, 1005)
+
+
+def test_metadata_is_json_on_the_rig(tmp_path):
+    path = tmp_path / "shot.usda"
+    write_usd(moving(range(3)), path, dome_height=2)
+    stage = Usd.Stage.Open(str(path))
+    data = stage.GetDefaultPrim().GetCustomDataByKey("asglight")
+    assert json.loads(data["metadata"]) == METADATA
+
+
+def test_a_lobe_that_was_switched_off_is_not_read(tmp_path):
+    path = tmp_path / "shot.usda"
+    tracks = moving(range(3))
+    write_usd(tracks, path, dome_height=2)
+
+    def switch_off(layer: Sdf.Layer) -> None:
+        layer.GetPrimAtPath("/AsgRig/Lobes/lobe_01").active = False
+
+    back = read_usd(edited(path, switch_off))
+    np.testing.assert_allclose(back.lobes.amplitude, tracks.lobes.amplitude[:, [0, 2]], rtol=2e-6)
+
+
+def test_an_override_in_a_stronger_layer_is_read(tmp_path):
+    write_usd(still(), tmp_path / "shot.usda", dome_height=2)
+    (tmp_path / "lighting.usda").write_text(
+        '#usda 1.0\n(\n defaultPrim = "AsgRig"\n startTimeCode = 1001\n endTimeCode = 1001\n'
+        " subLayers = [@./shot.usda@]\n)\n"
+        'over "AsgRig"\n{\nover "Lobes"\n{\nover "lobe_00"\n{\n'
+        "color3f asg:amplitude = (7, 8, 9)\n}\n}\n}\n"
+    )
+    assert read_usd(tmp_path / "lighting.usda").lobes.amplitude[0, 0].tolist() == [7, 8, 9]
+
+
+def test_a_file_rewritten_while_a_stage_holds_it_is_read_anew(tmp_path):
+    path = tmp_path / "shot.usdc"
+    write_usd(moving(range(5)), path, dome_height=2)
+    held = Usd.Stage.Open(str(path))
+    tracks = moving(range(10, 14), seed=1)
+    write_usd(tracks, path, dome_height=2)
+    assert_same(read_usd(path), tracks)
+    assert held.GetDefaultPrim()
+
+
+def test_lobes_beyond_a_hundred_keep_their_order(tmp_path):
+    tracks = moving(range(2), lobes=101)
+    write_usd(tracks, tmp_path / "shot.usda", dome_height=2)
+    assert_same(read_usd(tmp_path / "shot.usda"), tracks)

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stage as other programs meet it: layout, validators, size, no plugin."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdValidation
+from usd_tracks import contents, moving, still
+
+from asglight.lobes import Form
+from asglight.usd import Representation, layer, lint_stage, read_usd, write_usd
+
+
+@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize("extension", ["usda", "usdc"])
+@pytest.mark.parametrize("representation", Representation)
+def test_all_usd_validators_and_the_own_lint_are_content(representation, extension, form, tmp_path):
+    path = tmp_path / f"shot.{extension}"
+    write_usd(
+        moving(range(1001, 1004), form=form), path, representation=representation, dome_height=4
+    )
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert len(validators) > 10
+    errors = UsdValidation.ValidationContext(validators).Validate(Usd.Stage.Open(str(path)))
+    assert [error.GetErrorAsString() for error in errors] == []
+    assert lint_stage(path) == []
+
+
+@pytest.mark.parametrize("representation", Representation)
+def test_the_stage_shows_the_representation_asked_for(representation, tmp_path):
+    path = tmp_path / "shot.usdc"
+    write_usd(moving(range(3)), path, representation=str(representation), dome_height=4)
+    stage = Usd.Stage.Open(str(path))
+    lights = [p.GetTypeName() for p in stage.Traverse() if p.HasAPI(UsdLux.LightAPI)]
+    wanted = {"cards": ["RectLight"] * 3, "distant": ["DistantLight"] * 3, "dome": ["DomeLight"]}
+    assert lights == wanted[representation]
+
+
+@pytest.mark.parametrize("representation", Representation)
+def test_the_lobes_are_the_same_in_every_representation(representation, tmp_path):
+    path = tmp_path / "shot.usda"
+    tracks = moving(range(1001, 1005))
+    write_usd(tracks, path, representation=representation, dome_height=4)
+    stage = Usd.Stage.Open(str(path))
+    lobes = stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren()
+    assert [lobe.GetName() for lobe in lobes] == ["lobe_00", "lobe_01", "lobe_02"]
+    for index, lobe in enumerate(lobes):
+        matrix = UsdGeom.XformCache(1003).GetLocalToWorldTransform(lobe).ExtractRotationMatrix()
+        axis_z = tracks.at(1003).axis_z[index]
+        np.testing.assert_allclose(np.array(matrix)[2], axis_z, atol=1e-6)
+        amplitude = lobe.GetAttribute("asg:amplitude").Get(1003)
+        np.testing.assert_allclose(amplitude, tracks.at(1003).amplitude[index], rtol=1e-6)
+        assert lobe.GetAttribute("asg:form").Get() == "asg"
+
+
+def test_cards_stand_at_the_distance_and_the_unit_asked_for(tmp_path):
+    path = tmp_path / "shot.usda"
+    write_usd(still(), path, distance=50.0, meters_per_unit=0.01, dome_height=4)
+    stage = Usd.Stage.Open(str(path))
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 0.01
+    for lobe in stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren():
+        place = UsdGeom.XformCache(1001).GetLocalToWorldTransform(lobe).ExtractTranslation()
+        assert place.GetLength() == pytest.approx(50, rel=1e-6)
+
+
+def test_black_lobes_are_lights_of_no_intensity(tmp_path):
+    tracks = still()
+    tracks.lobes.amplitude[0, 0] = 0
+    write_usd(tracks, tmp_path / "shot.usda", dome_height=4)
+    stage = Usd.Stage.Open(str(tmp_path / "shot.usda"))
+    light = UsdLux.LightAPI(stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00"))
+    assert light.GetIntensityAttr().Get() == 0
+    assert light.GetColorAttr().Get() == (1, 1, 1)
+
+
+def test_a_track_that_never_moves_has_no_samples_and_one_image(tmp_path):
+    frozen = moving([1001, 1001 + 1])
+    for values in (frozen.lobes.axes, frozen.lobes.sharpness, frozen.lobes.amplitude):
+        values[1] = values[0]
+    report = write_usd(frozen, tmp_path / "shot.usda", dome_height=4)
+    assert "timeSamples" not in (tmp_path / "shot.usda").read_text()
+    assert [file.name for file in report.files] == ["shot.usda", "shot.1001.exr"]
+    assert report.samples_written == 0
+
+
+def test_the_dome_has_one_image_a_frame_beside_the_stage(tmp_path):
+    report = write_usd(moving([8, 9, 12]), tmp_path / "shot.v2.usda", dome_height=4)
+    names = ["shot.v2.0008.exr", "shot.v2.0009.exr", "shot.v2.0012.exr"]
+    assert sorted(contents(tmp_path)) == ["shot.v2.usda", *(f"shot.v2_dome/{n}" for n in names)]
+    assert [str(file.relative_to(tmp_path)) for file in report.files] == [
+        "shot.v2.usda",
+        *(f"shot.v2_dome/{name}" for name in names),
+    ]
+    assert report.bytes == sum(map(len, contents(tmp_path).values()))
+    opened = Sdf.Layer.OpenAsAnonymous(str(tmp_path / "shot.v2.usda"))
+    texture = "/AsgRig{representation=dome}Dome.inputs:texture:file"
+    assert opened.ListTimeSamplesForPath(texture) == [8, 9, 12]
+    assert opened.QueryTimeSample(texture, 12).path == "./shot.v2_dome/shot.v2.0012.exr"
+
+
+def test_the_report_counts_the_samples_of_the_stage(tmp_path):
+    report = write_usd(moving(range(20)), tmp_path / "shot.usda", dome_height=2)
+    opened = Sdf.Layer.OpenAsAnonymous(str(tmp_path / "shot.usda"))
+    found = 0
+
+    def count(path: Sdf.Path) -> None:
+        nonlocal found
+        found += opened.GetNumTimeSamplesForPath(path)
+
+    opened.Traverse("/", count)
+    assert report.samples_written == found
+    attributes = 3 * (3 + 4 + 3) + 1
+    assert report.samples_written + report.samples_left_out == 20 * attributes
+
+
+@pytest.mark.parametrize("name", ["SHOT.USDA", "sh ot@1 größe 50%.usdc", "a[1].usd", ".usdx.usda"])
+def test_names_of_every_kind_work(name, tmp_path):
+    path = tmp_path / name
+    write_usd(moving(range(3)), path, representation="dome", dome_height=2)
+    stage = Usd.Stage.Open(str(path))
+    texture = stage.GetPrimAtPath("/AsgRig/Dome").GetAttribute("inputs:texture:file")
+    assert Path(texture.Get(2).resolvedPath).samefile(
+        tmp_path / f"{path.stem}_dome" / f"{path.stem}.0002.exr"
+    )
+    assert read_usd(path).frames == (0, 1, 2)
+
+
+@pytest.mark.parametrize(("jitter", "megabytes"), [(0.0, 1.45), (0.1, 1.95)])
+def test_a_long_shot_stays_small(jitter, megabytes, tmp_path):
+    """15 lobes in 1000 frames, with both kinds of light and the paths of the dome's images.
+
+    Where every sample is needed, a lobe takes 122 bytes a frame: 60 are the lobe itself.
+    """
+    tracks = moving(range(1000), lobes=15, jitter=jitter)
+    textures = [f"./shot_dome/shot.{frame:04d}.exr" for frame in tracks.frames]
+    placement = layer.Placement(Representation.CARDS, 1000.0, 1.0, textures)
+    built, _ = layer.build(tracks, placement)
+    built.Export(str(tmp_path / "shot.usdc"))
+    assert (tmp_path / "shot.usdc").stat().st_size < megabytes * 1e6
+
+
+def test_without_the_plugin_the_stage_opens_in_silence(tmp_path):
+    path = tmp_path / "shot.usdc"
+    write_usd(moving(range(3)), path, dome_height=2)
+    code = (
+        "from pxr import Usd; import sys; s = Usd.Stage.Open(sys.argv[1]);"
+        "lobe = s.GetPrimAtPath('/AsgRig/Lobes/lobe_00');"
+        "print(lobe.GetAttribute('asg:sharpness').Get(1)[0] > 0)"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "PXR_PLUGINPATH_NAME"}
+    result = subprocess.run(
+        [sys.executable, "-c", code, str(path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment,
+    )
+    assert (result.stdout.strip(), result.stderr) == ("True", "")
+
+
+def test_the_other_rooms_never_load_usd():
+    code = (
+        "import sys, asglight.lobes, asglight.lobes.asg, asglight.lobes.texels, asglight.images,"
+        "asglight.sphere.latlong; print('pxr' in sys.modules)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == "False"
