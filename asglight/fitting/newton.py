@@ -47,6 +47,9 @@ TILT_MAX = 0.5
 RELIGHT_PASSES = 3
 """Reweightings of the amplitudes' own problem: the third changes them by a percent or so."""
 
+RIDGE = 1e-5
+"""Of the unit diagonal of the amplitudes' Gram matrix: above the rounding of float32 sums."""
+
 SHAPE_MAX = 1.0
 """A step changes a width's s + 1/2 by at most a factor e, and turns by at most a radian."""
 
@@ -139,7 +142,7 @@ def relight(lobes: Lobes, frame: objective.Target, passes: int = RELIGHT_PASSES)
         ):
             terms = _light_equations(view, reference, amplitude, scale, corner)
             gram, right = gram + terms[0], right + terms[1]
-        amplitude = _non_negative(gram, right).to(amplitude)
+        amplitude = _non_negative(gram, right, amplitude.double()).to(amplitude)
     return Lobes(lobes.axes, lobes.sharpness, amplitude, lobes.form)
 
 
@@ -156,14 +159,26 @@ def _light_equations(
     return (weighted @ values.mT).double(), (weighted @ reference).double()
 
 
-def _non_negative(gram: Tensor, right: Tensor) -> Tensor:
-    """Minimise a^T G a / 2 - a^T b over a >= 0 for each channel.  [N, 3]."""
-    scale = torch.diagonal(gram).clamp(min=1e-300).rsqrt()  # unit diagonal
+def _non_negative(gram: Tensor, right: Tensor, near: Tensor) -> Tensor:
+    """Minimise a^T G a / 2 - a^T b over a >= 0 for each channel, near to where a was.
+
+    Lobes that coincide share a change evenly: the ridge, which pulls towards `near`, is as large
+    as the rounding of a Gram matrix summed in float32, and grows where that is not enough.
+
+    Args:
+        gram: G.  [N, N]
+        right: b.  [N, 3]
+        near: The amplitudes so far.  [N, 3]
+    """
+    scale = torch.diagonal(gram).clamp(min=1e-300).rsqrt()  # to unit diagonal
     scaled = gram * scale[:, None] * scale[None, :]
-    # lobes that coincide share their light: the ridge decides how, at rounding's own size
-    scaled = scaled + 1e-10 * torch.eye(len(scale)).to(scaled)
-    factor = torch.linalg.cholesky(scaled)
-    target = torch.linalg.solve_triangular(factor, right * scale[:, None], upper=False)
+    ridge, failed, factor = RIDGE, 1, scaled
+    while failed:
+        damped = scaled + ridge * torch.eye(len(scale)).to(scaled)
+        factor, info = torch.linalg.cholesky_ex(damped)
+        failed, ridge = int(info), 10 * ridge
+    pulled = right * scale[:, None] + ridge / 10 * near / scale[:, None]
+    target = torch.linalg.solve_triangular(factor, pulled, upper=False)
     matrix, columns = factor.mT.cpu().numpy(), target.cpu().numpy()
     solved = [scipy.optimize.nnls(matrix, columns[:, channel])[0] for channel in range(3)]
     return torch.from_numpy(np.stack(solved, axis=-1)).to(gram) * scale[:, None]

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How wrong a fit is, in numbers and in pictures."""

@@ -129,6 +129,14 @@ def test_relight_solves_the_reweighted_problem_as_scipy_does() -> None:
     np.testing.assert_allclose(found.numpy(), expected, rtol=2e-3, atol=2e-3)
 
 
+def test_relight_shares_a_change_evenly_between_lobes_that_coincide() -> None:
+    lamp = lamps([(1, 0.2, 0)] * 2 + [(0, 1, 0)], [50.0, 50.0, 2.0], [3.0, 1.0, 1.0])
+    frame = objective.target(2 * texels.texel_means(lamp, 32, 64))
+    amplitude = newton.relight(lamp, frame).amplitude
+    expected = torch.tensor([5.0, 3.0, 2.0])[:, None].expand(-1, 3)  # 3 + 1 became 8
+    torch.testing.assert_close(amplitude, expected, rtol=1e-3, atol=1e-4)
+
+
 def test_temporal_gradient_is_that_of_its_value() -> None:
     held = temporal.prior(random_lobes(Form.ASG))
     generator = torch.Generator().manual_seed(5)
