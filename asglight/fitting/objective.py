@@ -134,8 +134,8 @@ def _coarsen(columns: Tensor, height: int, coarse: int) -> Tensor:
         return latlong.reduce(images, coarse, 2 * coarse).reshape(-1, count).mT
     rows = latlong.texel_solid_angles(height, 1, device=columns.device).reshape(coarse, factor)
     rows = rows / (factor * rows.sum(-1, keepdim=True))
-    blocks = columns.reshape(count, coarse, factor, 2 * coarse, factor)
-    return torch.einsum("mrfcg,rf->mrc", blocks, rows).reshape(count, -1)
+    along_rows = columns.reshape(count, coarse, factor, 2 * coarse, factor).sum(-1)
+    return (along_rows * rows[:, :, None]).sum(2).reshape(count, -1)
 
 
 @lru_cache(maxsize=16)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole sequence: frames in order, each started from the one before."""
+"""One frame of a sequence, started from the one before, with the preset that was asked for."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 
 from torch import Tensor
 
@@ -17,38 +17,20 @@ StepCallback = Callable[[int, int, float], None]
 """Called with the step, the number of steps and the loss, where a frame takes long."""
 
 
-def fit_frames(
-    references: Iterable[Tensor],
-    options: FitOptions,
-    previous: Lobes | None = None,
-    on_step: StepCallback | None = None,
-) -> Iterator[FrameFit]:
-    """Fit frames in order, one at a time.
-
-    Args:
-        references: Repaired radiance of each frame.  [H, W, 3]
-        options: Settings.
-        previous: The frame before the first; None starts afresh.
-        on_step: Progress within a frame (`paper` only).
-
-    Yields:
-        The fit of each frame, on the CPU. Nothing of a frame is kept but its lobes.
-    """
-    if previous is not None:
-        previous = previous.to(options.device)
-    for reference in references:
-        fit = fit_frame(reference.to(options.device), options, previous, on_step)
-        previous = fit.lobes
-        yield FrameFit(fit.lobes.to("cpu"), fit.loss, fit.flux_error)
-
-
 def fit_frame(
     reference: Tensor,
     options: FitOptions,
     previous: Lobes | None,
     on_step: StepCallback | None = None,
 ) -> FrameFit:
-    """Fit one frame, from `previous` where there is one."""
+    """Fit one frame.
+
+    Args:
+        reference: Repaired radiance.  [H, W, 3]
+        options: Settings.
+        previous: The lobes of the frame before; None starts afresh.  [N, .]
+        on_step: Progress within the frame (`paper` only).
+    """
     if options.preset is Preset.PAPER:
         return _paper_frame(reference, options, previous, on_step)
     if previous is None:

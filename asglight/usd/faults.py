@@ -1,17 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What USD and the file system say, as one printable line."""
 
-import os
-
 from pxr import Tf
+
+from asglight.images.message import shown
 
 REASON_MAX = 200
 """Characters of a library's own words that are passed on: enough for a cause and a place."""
-
-
-def shown(path: str | os.PathLike[str]) -> str:
-    """Return a path as one printable line, whatever its name holds."""
-    return _printable(os.fspath(path))
 
 
 def reason(error: OSError | Tf.ErrorException) -> str:
@@ -20,8 +15,4 @@ def reason(error: OSError | Tf.ErrorException) -> str:
         return error.strerror or type(error).__name__
     causes = [getattr(cause, "commentary", str(cause)) for cause in error.args]
     first = causes[0] if causes else "no reason given"
-    return _printable(" ".join(first.split()))[:REASON_MAX].rstrip(".")
-
-
-def _printable(text: str) -> str:
-    return "".join(character if character.isprintable() else "?" for character in text)
+    return shown(" ".join(first.split()))[:REASON_MAX].rstrip(".")

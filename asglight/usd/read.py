@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd
 
 from asglight.errors import InputError
+from asglight.images.message import shown
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.usd import schema
-from asglight.usd.faults import shown
 from asglight.usd.stage import find_rig, lobe_prims, numbers, open_stage
 
 FRAMES_MAX = 1_000_000

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from pxr import Sdf, Tf, Usd, Vt
 
 from asglight.errors import InputError
+from asglight.images.message import shown
 from asglight.usd import schema
-from asglight.usd.faults import reason, shown
+from asglight.usd.faults import reason
 
 
 def open_stage(path: str | Path) -> Usd.Stage:

@@ -18,11 +18,12 @@ import torch
 from pxr import Tf
 
 from asglight.errors import InputError
+from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import Lobes
 from asglight.usd import dome, layer
 from asglight.usd.authoring import TrackAuthor
-from asglight.usd.faults import reason, shown
+from asglight.usd.faults import reason
 from asglight.usd.lint import lint_stage
 from asglight.usd.schema import Representation
 

@@ -5,8 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import commands
 import pytest
+import sky_files
 import torch
 
 import asglight
@@ -41,7 +41,7 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
 
 
 def test_fit_write_and_read_from_python(tmp_path: Path) -> None:
-    source = commands.write_sequence(tmp_path / "in")
+    source = sky_files.write_sequence(tmp_path / "in")
     tracks = asglight.fit_sequence(source, lobes=2, frames="1001-1003")
     asglight.write_usd(tracks, tmp_path / "sky.usda")
     again = asglight.read_usd(tmp_path / "sky.usda")

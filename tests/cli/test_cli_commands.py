@@ -3,9 +3,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-import commands
 import numpy as np
 import pytest
+import sky_files
 import torch
 
 from asglight import read_usd
@@ -21,7 +21,7 @@ from asglight.lobes.frames import axes_around
 def shot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a stage of frames 1001 to 1004, its images beside it in `in`."""
     folder = tmp_path_factory.mktemp("shot")
-    commands.write_sequence(folder / "in")
+    sky_files.write_sequence(folder / "in")
     stage = folder / "shot.usda"
     assert main(["fit", str(folder / "in"), "-o", str(stage), "--lobes", "3", "--json"]) == 0
     return stage
@@ -39,7 +39,7 @@ def document(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
 def test_fit_prints_progress_on_one_stream_and_the_result_on_the_other(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source = commands.write_sequence(tmp_path / "in")
+    source = sky_files.write_sequence(tmp_path / "in")
     stage = tmp_path / "shot.usdc"
     assert main(["fit", str(source), "-o", str(stage), "--lobes", "2", "--fps", "24000/1001"]) == 0
     out, err = capsys.readouterr()
@@ -52,7 +52,7 @@ def test_fit_prints_progress_on_one_stream_and_the_result_on_the_other(
 
 
 def test_fit_as_json_is_one_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    source = commands.write_sequence(tmp_path / "in")
+    source = sky_files.write_sequence(tmp_path / "in")
     stage = str(tmp_path / "shot.usda")
     assert main(["fit", str(source), "-o", stage, "--lobes", "2", "--json"]) == 0
     result = document(capsys)
@@ -66,11 +66,11 @@ def test_fit_as_json_is_one_document(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_repairs_and_filled_frames_are_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source = commands.write_sequence(tmp_path / "in")
-    values = commands.sky(1002)
+    source = sky_files.write_sequence(tmp_path / "in")
+    values = sky_files.sky(1002)
     values[0, 0] = np.nan
     values[1, 1] = -1
-    commands.write_frame(source / "sky.1002.exr", values)
+    sky_files.write_frame(source / "sky.1002.exr", values)
     (source / "sky.1003.exr").unlink()
     stage = str(tmp_path / "shot.usda")
     assert main(["fit", str(source), "-o", stage, "--lobes", "2", "--missing", "hold"]) == 0
@@ -87,7 +87,7 @@ def test_repairs_and_filled_frames_are_told(
 def test_a_black_lobe_that_is_left_out_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = commands.write_frame(tmp_path / "black.exr", 0 * commands.sky(0))
+    path = sky_files.write_frame(tmp_path / "black.exr", 0 * sky_files.sky(0))
     stage = str(tmp_path / "black.usda")
     assert main(["fit", str(path), "-o", stage, "--lobes", "3"]) == 0
     assert "left out: 2 lobes, black in every frame" in capsys.readouterr().out
@@ -102,7 +102,7 @@ def test_the_representation_is_the_stage_selection(
 ) -> None:
     from pxr import Usd
 
-    path = commands.write_frame(tmp_path / "a.exr", commands.sky(0))
+    path = sky_files.write_frame(tmp_path / "a.exr", sky_files.sky(0))
     stage = str(tmp_path / "a.usda")
     options = ["--lobes", "2", "--representation", representation]
     assert main(["fit", str(path), "-o", stage, *options]) == 0
@@ -114,7 +114,7 @@ def test_the_representation_is_the_stage_selection(
 
 
 def test_the_paper_preset_is_reached(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = commands.write_frame(tmp_path / "a.exr", commands.sky(0))
+    path = sky_files.write_frame(tmp_path / "a.exr", sky_files.sky(0))
     stage = str(tmp_path / "a.usda")
     options = ["--lobes", "2", "--preset", "paper", "--paper-steps", "3,2", "--form", "bingham"]
     assert main(["fit", str(path), "-o", stage, *options]) == 0
@@ -162,7 +162,7 @@ def test_eval_of_one_frame_has_no_flicker(shot: Path, capsys: pytest.CaptureFixt
 def test_an_infinite_error_is_null_in_json(
     shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    black = commands.write_frame(tmp_path / "a.1001.exr", 0 * commands.sky(0))
+    black = sky_files.write_frame(tmp_path / "a.1001.exr", 0 * sky_files.sky(0))
     options = ["--reference", str(black), "--frames", "1001", "--json"]
     assert main(["eval", str(shot), *options]) == 0
     assert document(capsys)["mean"]["env"] is None

@@ -8,6 +8,7 @@ from pathlib import Path
 import commands
 import numpy as np
 import pytest
+import sky_files
 import torch
 
 from asglight.cli.main import main
@@ -18,7 +19,7 @@ from asglight.shots.checkpoint import Checkpoint, header_of
 def stage(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """Return the bytes of a good stage of frames 1001 to 1004."""
     folder = tmp_path_factory.mktemp("good")
-    commands.write_sequence(folder / "in")
+    sky_files.write_sequence(folder / "in")
     output = str(folder / "good.usda")
     assert main(["fit", str(folder / "in"), "-o", output, "--lobes", "2"]) == 0
     return Path(output).read_bytes()
@@ -29,13 +30,13 @@ def here(tmp_path: Path, stage: bytes, monkeypatch: pytest.MonkeyPatch) -> Itera
     """Fill a folder with good and bad things and go there."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    commands.write_sequence(tmp_path / "in")
-    commands.write_frame(tmp_path / "still.exr", commands.sky(0))
-    commands.write_frame(tmp_path / "square.exr", np.ones((8, 8, 3), np.float32))
-    commands.write_sequence(tmp_path / "gap")
+    sky_files.write_sequence(tmp_path / "in")
+    sky_files.write_frame(tmp_path / "still.exr", sky_files.sky(0))
+    sky_files.write_frame(tmp_path / "square.exr", np.ones((8, 8, 3), np.float32))
+    sky_files.write_sequence(tmp_path / "gap")
     (tmp_path / "gap" / "sky.1002.exr").unlink()
-    commands.write_sequence(tmp_path / "two")
-    commands.write_frame(tmp_path / "two" / "other.exr", commands.sky(0))
+    sky_files.write_sequence(tmp_path / "two")
+    sky_files.write_frame(tmp_path / "two" / "other.exr", sky_files.sky(0))
     good = (tmp_path / "still.exr").read_bytes()
     (tmp_path / "cut.exr").write_bytes(good[: len(good) // 2])
     (tmp_path / "text.exr").write_text("no image")

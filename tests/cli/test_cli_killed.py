@@ -9,6 +9,7 @@ from pathlib import Path
 
 import commands
 import pytest
+import sky_files
 
 from asglight.cli.main import main
 
@@ -56,7 +57,7 @@ MOMENTS = {
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return commands.write_sequence(tmp_path_factory.mktemp("source") / "in")
+    return sky_files.write_sequence(tmp_path_factory.mktemp("source") / "in")
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +86,7 @@ def test_a_killed_and_resumed_fit_is_the_unbroken_one(
 
 
 def test_a_fit_killed_from_outside_and_resumed_is_the_unbroken_one(tmp_path: Path) -> None:
-    source = commands.write_sequence(tmp_path / "in", range(1, 41))
+    source = sky_files.write_sequence(tmp_path / "in", range(1, 41))
     outputs = [tmp_path / name / "shot.usda" for name in ("whole", "killed")]
     for output in outputs:
         output.parent.mkdir()

@@ -6,14 +6,13 @@ from pathlib import Path
 
 import pytest
 import torch
-from lobe_cases import lamps, sky_and_sun
+from lobe_cases import follow, lamps, sky_and_sun
 from torch import Tensor
 
 from asglight.fitting import seeding
 from asglight.fitting.first_frame import fit_first_frame
 from asglight.fitting.following import fit_next_frame
 from asglight.fitting.options import FitOptions
-from asglight.fitting.sequence import fit_frames
 from asglight.images import read_latlong
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes, asg, texels
@@ -148,7 +147,7 @@ def test_all_light_in_one_texel_keeps_its_flux_and_place(peak: float) -> None:
 
 def test_moving_sun_keeps_its_lobe() -> None:
     references = [sky_and_sun(degrees) for degrees in range(0, 40, 5)]
-    fits = list(fit_frames(references, FitOptions(lobes=5)))
+    fits = follow(references, FitOptions(lobes=5))
     sun = brightest(fits[0].lobes)
     for degrees, fit in zip(range(0, 40, 5), fits, strict=True):
         angle = math.radians(degrees)
@@ -159,7 +158,7 @@ def test_moving_sun_keeps_its_lobe() -> None:
 
 
 def test_frozen_sequence_stays_still() -> None:
-    fits = list(fit_frames([sky_and_sun(10.0)] * 4, FitOptions(lobes=5)))
+    fits = follow([sky_and_sun(10.0)] * 4, FitOptions(lobes=5))
     first, last = fits[1].lobes, fits[-1].lobes
     assert float((first.axis_z * last.axis_z).sum(-1).min()) > math.cos(math.radians(0.5))
 
@@ -177,7 +176,7 @@ def test_lamp_that_switches_on_gets_a_dark_lobe() -> None:
 
 
 def test_same_input_gives_the_same_bits() -> None:
-    results = [list(fit_frames([sky_and_sun(0.0), sky_and_sun(4.0)], FitOptions(lobes=5)))[-1]
+    results = [follow([sky_and_sun(0.0), sky_and_sun(4.0)], FitOptions(lobes=5))[-1]
                for _ in range(2)]  # fmt: skip
     for a, b in (
         (results[0].lobes.axes, results[1].lobes.axes),

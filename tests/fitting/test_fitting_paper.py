@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 import scipy.special
 import torch
-from lobe_cases import random_lobes, sky_and_sun
+from lobe_cases import follow, random_lobes, sky_and_sun
 
 from asglight.fitting import paper
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import fit_frames
 from asglight.lobes import Form, Lobes, asg
 from asglight.sphere import latlong
 
@@ -70,7 +69,7 @@ def test_temporal_loss_is_the_sum_of_scaled_norms() -> None:
 
 def test_adam_lowers_the_loss_and_the_temporal_term_holds_lobes_back() -> None:
     options = FitOptions(preset=Preset.PAPER, lobes=4, paper_steps=(150, 60))
-    first, still = fit_frames([sky_and_sun(0.0, 16), sky_and_sun(0.0, 16)], options)
+    first, still = follow([sky_and_sun(0.0, 16), sky_and_sun(0.0, 16)], options)
     start = paper.start(sky_and_sun(0.0, 16), 4, Form.ASG, 0)
     start_loss = float(paper.frame_loss(start, paper.target(sky_and_sun(0.0, 16))))
     assert first.loss < 0.8 * start_loss
@@ -88,13 +87,13 @@ def test_seed_sets_the_start_and_repeats() -> None:
     assert torch.equal(one.axes, same.axes)
     assert not torch.equal(one.axes, other.axes)
     options = FitOptions(preset=Preset.PAPER, lobes=3, paper_steps=(20, 10))
-    runs = [next(iter(fit_frames([reference], options))).lobes for _ in range(2)]
+    runs = [follow([reference], options)[0].lobes for _ in range(2)]
     assert torch.equal(runs[0].amplitude, runs[1].amplitude)
 
 
 def test_sg_keeps_both_sharpnesses_equal() -> None:
     options = FitOptions(preset=Preset.PAPER, lobes=3, form=Form.SG, paper_steps=(20, 10))
-    (fit,) = fit_frames([sky_and_sun(0.0, 16)], options)
+    (fit,) = follow([sky_and_sun(0.0, 16)], options)
     assert torch.equal(fit.lobes.sharpness[:, 0], fit.lobes.sharpness[:, 1])
     assert isinstance(fit.lobes, Lobes)
 
@@ -103,5 +102,5 @@ def test_steps_are_reported() -> None:
     seen: list[tuple[int, int]] = []
     options = FitOptions(preset=Preset.PAPER, lobes=2, paper_steps=(5, 3))
     references = [sky_and_sun(0.0, 8), sky_and_sun(1.0, 8)]
-    list(fit_frames(references, options, on_step=lambda step, steps, _: seen.append((step, steps))))
+    follow(references, options, on_step=lambda step, steps, _: seen.append((step, steps)))
     assert seen == [(i, 5) for i in range(1, 6)] + [(i, 3) for i in range(1, 4)]

@@ -4,12 +4,13 @@ from pathlib import Path
 
 import pytest
 import shot_files
+import sky_files
 import torch
+from lobe_cases import follow
 
 from asglight import read_usd
 from asglight.errors import InputError
 from asglight.fitting.options import FitOptions
-from asglight.fitting.sequence import fit_frames
 from asglight.lobes import asg
 from asglight.shots import fit_sequence, fit_shot, job
 from asglight.shots.checkpoint import SUFFIX
@@ -19,7 +20,7 @@ from asglight.sphere.quadrature import fibonacci_directions
 
 @pytest.fixture
 def source(tmp_path: Path) -> Path:
-    return shot_files.write_sequence(tmp_path / "in")
+    return sky_files.write_sequence(tmp_path / "in")
 
 
 @pytest.fixture
@@ -44,9 +45,9 @@ def interrupted(source: Path, output: Path, frames: int) -> None:
 
 def test_a_shot_is_the_fit_of_its_frames_in_order(source: Path, output: Path) -> None:
     result = fit_shot(source, output, shot_files.OPTIONS)
-    images = [torch.from_numpy(shot_files.sky(frame)) for frame in range(1001, 1005)]
+    images = [torch.from_numpy(sky_files.sky(frame)) for frame in range(1001, 1005)]
     directions = fibonacci_directions(50)
-    for index, fit in enumerate(fit_frames(images, shot_files.OPTIONS)):
+    for index, fit in enumerate(follow(list(images), shot_files.OPTIONS)):
         expected = asg.evaluate(fit.lobes, directions)
         found = asg.evaluate(result.tracks.lobes[index], directions)
         # The frames may be turned between equals, which reorders float32 sums.
@@ -182,7 +183,7 @@ def test_a_black_sequence_becomes_a_stage(tmp_path: Path, output: Path) -> None:
     folder = tmp_path / "black"
     folder.mkdir()
     for frame in (1, 2):
-        shot_files.write_frame(folder / f"a.{frame}.exr", 0 * shot_files.sky(frame))
+        sky_files.write_frame(folder / f"a.{frame}.exr", 0 * sky_files.sky(frame))
     result = fit_shot(folder, output, shot_files.OPTIONS)
     assert result.tracks.metadata["left_out"] == 1
     assert float(read_usd(output).lobes.amplitude.max()) == 0

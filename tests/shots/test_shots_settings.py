@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 import shot_files
+import sky_files
 import torch
 
 import asglight
@@ -83,7 +84,7 @@ def test_an_unknown_representation_is_refused() -> None:
 
 
 def test_the_settings_hold_every_option_as_json(tmp_path: Path) -> None:
-    sequence = open_sequence(shot_files.write_sequence(tmp_path / "in"), missing="hold", height=256)
+    sequence = open_sequence(sky_files.write_sequence(tmp_path / "in"), missing="hold", height=256)
     settings = settings_of(sequence, shot_files.OPTIONS, 23.976)
     assert json.loads(json.dumps(settings)) == settings
     assert {field.name for field in dataclasses.fields(FitOptions)} <= settings.keys()

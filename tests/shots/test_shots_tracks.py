@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 import shot_files
+import sky_files
 import torch
 
 import asglight
@@ -14,7 +15,7 @@ from asglight.shots.tracks import lit_lobes, repairs_of, tracks_from
 
 @pytest.fixture
 def sequence(tmp_path: Path) -> Sequence:
-    return open_sequence(shot_files.write_sequence(tmp_path / "in", range(1, 4)))
+    return open_sequence(sky_files.write_sequence(tmp_path / "in", range(1, 4)))
 
 
 def black(frame: int, *indices: int) -> object:

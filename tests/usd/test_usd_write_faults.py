@@ -17,7 +17,7 @@ from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks
 from asglight.usd import lint_stage, read_usd, write_usd
 
-HERE = Path(__file__).resolve().parent
+SUPPORT = Path(__file__).resolve().parents[1] / "support"
 
 
 def refused(*arguments, **options) -> str:
@@ -154,7 +154,7 @@ def test_a_full_disk_leaves_everything_as_it_was(extension, limit, height, named
     write_usd(moving(range(40)), path, dome_height=2)
     before = contents(tmp_path)
     result = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(path), str(HERE), str(limit), str(height)],
+        [sys.executable, "-c", LIMITED, str(path), str(SUPPORT), str(limit), str(height)],
         capture_output=True,
         text=True,
         check=True,
@@ -171,7 +171,7 @@ def test_a_write_that_is_killed_leaves_the_old_stage(tmp_path):
     write_usd(tracks, path, dome_height=2)
     before = contents(tmp_path)
     code = LIMITED.replace("resource.setrlimit", "(lambda *_: None)")
-    arguments = [sys.executable, "-c", code, str(path), str(HERE), "0", "512"]
+    arguments = [sys.executable, "-c", code, str(path), str(SUPPORT), "0", "512"]
     with subprocess.Popen(arguments) as process:
         deadline = time.monotonic() + 60
         while not list(tmp_path.glob(".asglight-*/shot_dome/shot.0002.exr")):

@@ -1,14 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tiny sequences, and ways to run the command line, for the tests of the commands."""
+"""Tiny sequences on disk."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
-
-RUN = "import sys\nfrom asglight.cli.main import main\n{hook}\nsys.exit(main(sys.argv[1:]))"
 
 
 def sky(frame: int, height: int = 8) -> np.ndarray:
@@ -29,13 +25,3 @@ def write_sequence(folder: Path, frames: range = range(1001, 1005)) -> Path:
     for frame in frames:
         write_frame(folder / f"sky.{frame}.exr", sky(frame))
     return folder
-
-
-def run_asglight(*arguments: str | Path, hook: str = "") -> subprocess.CompletedProcess[str]:
-    """Run a command in a process of its own, after a few lines of Python."""
-    return subprocess.run(
-        [sys.executable, "-c", RUN.format(hook=hook), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )

@@ -6,6 +6,9 @@ import math
 import torch
 from torch import Tensor
 
+from asglight.fitting.first_frame import FrameFit
+from asglight.fitting.options import FitOptions
+from asglight.fitting.sequence import StepCallback, fit_frame
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.frames import axes_around, axes_from_quaternion
 
@@ -40,3 +43,14 @@ def sky_and_sun(sun_degrees: float, height: int = 64) -> Tensor:
     sun = (cos * math.sin(angle), sin, cos * math.cos(angle))
     scene = lamps([(0.0, 1.0, 0.1), sun], [1.0, 4000.0], [1.0, 3000.0])
     return texels.texel_means(scene, height, 2 * height)
+
+
+def follow(
+    references: list[Tensor], options: FitOptions, on_step: StepCallback | None = None
+) -> list[FrameFit]:
+    """Fit frames in order, each from the one before."""
+    fits: list[FrameFit] = []
+    for reference in references:
+        previous = fits[-1].lobes if fits else None
+        fits.append(fit_frame(reference, options, previous, on_step))
+    return fits
