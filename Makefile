@@ -12,7 +12,7 @@ help:            ## list the targets
 setup: $(VENV)/.ready  ## make the virtual environment
 
 $(VENV)/.ready: pyproject.toml constraints.txt
-	@sh .ci/system-libraries
+	@PYTHON=$(PYTHON) sh .ci/system-libraries
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[view,dev]'
