@@ -104,5 +104,5 @@ def _is_out_of_memory(error: Exception) -> bool:
 
 
 def _complain(message: str, status: int) -> int:
-    print(f"asglight: {one_line(message)}.", file=sys.stderr)
+    print(f"asglight: {one_line(message)}", file=sys.stderr)
     return status

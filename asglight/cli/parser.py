@@ -18,14 +18,15 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message and exit with 2."""
-        self.exit(2, f"asglight: {one_line(message)}. See {self.prog} --help.\n")
+        self.exit(2, f"asglight: {one_line(message)} See {self.prog} --help.\n")
 
 
 def one_line(message: str) -> str:
-    """Return a message as one printable line."""
+    """Return a message as one printable line that ends as a sentence does."""
     text = " ".join(message.split())
     # Names may hold anything; what is not printable may move a terminal's cursor.
-    return "".join(c if c.isprintable() else "?" for c in text).rstrip(".")
+    printable = "".join(c if c.isprintable() else "?" for c in text)
+    return printable if printable.endswith((".", "?")) else f"{printable}."
 
 
 def add_input_options(parser: argparse.ArgumentParser) -> None:

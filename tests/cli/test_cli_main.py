@@ -156,3 +156,15 @@ def test_a_reader_that_closes_early_is_no_error() -> None:
 )
 def test_a_frame_rate_may_be_a_fraction(text: str, rate: float) -> None:
     assert parser.frame_rate(text) == pytest.approx(rate, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("message", "line"),
+    [
+        ("is empty", "is empty."),
+        ("is empty.", "is empty."),
+        ("a\nb\tc. So?", "a b c. So?"),
+    ],
+)
+def test_a_message_is_one_line_that_ends_once(message: str, line: str) -> None:
+    assert parser.one_line(message) == line
