@@ -16,8 +16,9 @@ from asglight.sphere.quadrature import fibonacci_directions
 LEVELS = ((64, 12), (128, 8), (256, 8))
 """Rows and steps. A level finer than the map is replaced by the map's own rows."""
 
-FLUX_CORRECTION_MAX = 0.1
-"""The last scaling of amplitudes is for the residue of the fit, not for a fit that failed."""
+FLUX_CORRECTION_MAX = 10.0
+"""Largest factor on a channel. The loss leaves a percent or less; where a map is beyond what the
+lobes can hold, its energy still is theirs."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +90,7 @@ def with_flux_of(lobes: Lobes, scaled: Tensor, exposure: float, loss: float) -> 
     weight = weight.to(scaled.device)
     wanted = (weight * scaled).sum((0, 1))
     found = (weight * texels.texel_means(lobes, height, width)).sum((0, 1))
-    low, high = 1 - FLUX_CORRECTION_MAX, 1 + FLUX_CORRECTION_MAX
-    factor = (wanted / found.clamp(min=1e-30)).clamp(min=low, max=high)
+    factor = (wanted / found.clamp(min=1e-30)).clamp(max=FLUX_CORRECTION_MAX)
     error = float((found * factor).sum() / wanted.sum()) - 1
     amplitude = lobes.amplitude * (factor * exposure).to(lobes.amplitude)
     return FrameFit(replace(lobes, amplitude=amplitude), loss, error)

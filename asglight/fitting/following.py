@@ -5,6 +5,8 @@ A lobe keeps its identity: it moves only as the map moves it. A lobe that has go
 is sent to where the map has most light that the fit lacks.
 """
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -33,6 +35,12 @@ DARK_SHARE = 1e-4
 LACKING_SHARE = 5e-3
 """Filtered radiance lacking at a place, over the largest there is, that is worth a free lobe."""
 
+SUSPECT_LOSS = 1.0
+"""Loss from which a frame is fitted afresh as well: twice that of the hardest of ten real maps."""
+
+CUT_GAIN = 0.5
+"""A fresh fit with less than this share of the loss means a cut: the lobes start anew."""
+
 FREE_LOBE_SHARPNESS = 60.0
 """Width of a lobe newly sent: sigma = 5 degrees, about the probe that found the place."""
 
@@ -50,7 +58,7 @@ def fit_next_frame(reference: Tensor, previous: Lobes) -> FrameFit:
     if float(previous.amplitude.max()) <= 0:
         return fit_first_frame(reference, previous.count, previous.form)
     scaled = reference / exposure
-    before = _scaled(previous, 1 / exposure)
+    before = _scaled(previous, 1 / _within_reach(exposure, previous))
     height = reference.shape[0]
     lobes, loss = _send_free_lobes(find_moved_lamps(before, scaled), scaled), 0.0
     held = temporal.prior(lobes)
@@ -65,7 +73,21 @@ def fit_next_frame(reference: Tensor, previous: Lobes) -> FrameFit:
             width_min=narrowest(height),
         )
         lobes, loss = outcome.lobes, outcome.value
+    if loss > SUSPECT_LOSS:
+        fresh = fit_first_frame(reference, previous.count, previous.form)
+        if fresh.loss < CUT_GAIN * loss:
+            return fresh
     return with_flux_of(align(lobes, before), scaled, exposure, loss)
+
+
+def _within_reach(exposure: float, previous: Lobes) -> float:
+    """Return the unit of the frame's radiance for the lobes before it.
+
+    After a jump of more than ten stops they are taken in units of their own flux instead: they say
+    where the light was, not how much, and float32 squares stay finite.
+    """
+    own = float(asg.flux(previous).sum()) / (12 * math.pi)
+    return exposure if 2**-10 < own / exposure < 2**10 else own
 
 
 def _levels(height: int) -> list[tuple[int, int]]:

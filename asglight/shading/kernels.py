@@ -15,6 +15,9 @@ from asglight.sphere import latlong
 
 LAMBERT = "lambert"
 
+EVEN = "even"
+"""The kernel 1 / (4 pi): what it shows is the mean radiance, the same in every direction."""
+
 BLOCK_DIRECTIONS = 32
 """Directions filtered in one piece: 32 x 131,072 float32 texels are 17 MB."""
 
@@ -43,7 +46,7 @@ def filtered(
 
     Args:
         maps: Radiance maps.  [K, H, W, 3]
-        kernel: `LAMBERT`, or the roughness of a GGX lobe.
+        kernel: `LAMBERT`, `EVEN`, or the roughness of a GGX lobe.
         directions: Where to filter.  [P, 3]
         normalised: Divide by the kernel's own sum over the texels. Default: GGX yes, Lambert no,
             whose result is irradiance over pi.
@@ -67,5 +70,7 @@ def filtered(
 
 
 def kernel_values(kernel: str | float, cosine: Tensor) -> Tensor:
-    """Evaluate `LAMBERT` or the GGX lobe of a roughness at cosines."""
+    """Evaluate `LAMBERT`, `EVEN` or the GGX lobe of a roughness at cosines."""
+    if kernel == EVEN:
+        return torch.full_like(cosine, 1 / (4 * math.pi))
     return lambert(cosine) if isinstance(kernel, str) else ggx(cosine, kernel)

@@ -11,6 +11,7 @@ from lobe_cases import DOUBLE, lamps, random_lobes
 
 from asglight.fitting import newton, objective, temporal
 from asglight.lobes import Form, Lobes, asg, texels
+from asglight.shading import kernels
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
 
@@ -55,8 +56,8 @@ def test_gradient_is_that_of_the_loss(form: Form) -> None:
             move = torch.zeros(lobes.count, newton.UNKNOWNS, dtype=DOUBLE)
             move[lobe, unknown] = step
             slope = (loss(move) - loss(-move)) / (2 * step)
-            # J near 1 is rounded at 1e-7: the difference quotient at 1e-4
-            assert slope == pytest.approx(float(gradient[lobe, unknown]), rel=2e-2, abs=5e-4)
+            # J near 10 is rounded at 1e-6 in float32: the difference quotient at 1e-3
+            assert slope == pytest.approx(float(gradient[lobe, unknown]), rel=2e-2, abs=2e-3)
 
 
 def test_gauss_newton_matrix_is_symmetric_and_positive() -> None:
@@ -134,7 +135,8 @@ def test_relight_shares_a_change_evenly_between_lobes_that_coincide() -> None:
     frame = objective.target(2 * texels.texel_means(lamp, 32, 64))
     amplitude = newton.relight(lamp, frame).amplitude
     expected = torch.tensor([5.0, 3.0, 2.0])[:, None].expand(-1, 3)  # 3 + 1 became 8
-    torch.testing.assert_close(amplitude, expected, rtol=1e-3, atol=1e-4)
+    # the Gram matrix is summed in float32, and lobe 2 can stand in for a little of both
+    torch.testing.assert_close(amplitude, expected, rtol=5e-3, atol=1e-3)
 
 
 def test_temporal_gradient_is_that_of_its_value() -> None:
@@ -166,9 +168,23 @@ def test_temporal_term_counts_a_way_as_its_norm() -> None:
     assert temporal.value(far, held) / temporal.value(near, held) == pytest.approx(2.0, rel=2e-3)
 
 
-def test_probe_is_the_kernel_filter_of_the_map() -> None:
-    from asglight.shading import kernels
+def test_perfect_fit_has_no_loss_and_black_has_all_of_it() -> None:
+    reference = torch.rand(32, 64, 3, generator=torch.Generator().manual_seed(0))
+    frame = objective.target(reference)
+    assert objective.value(reference.reshape(-1, 3), frame) == pytest.approx(0.0, abs=1e-5)
+    black = objective.value(torch.zeros(32 * 64, 3), frame)
+    most = objective.ENV_WEIGHT + sum(probe.weight for probe in objective.PROBES)
+    assert 0.8 * most < black < most  # less the rounded corners
 
+
+def test_going_dark_costs_more_flux_than_everything_else_can_gain() -> None:
+    others = [p.weight for p in objective.PROBES if p.kernel != kernels.EVEN]
+    (even,) = (p for p in objective.PROBES if p.kernel == kernels.EVEN)
+    dark = even.weight * ((1 + even.corner**2) ** 0.5 - even.corner)
+    assert dark > objective.ENV_WEIGHT + sum(others)
+
+
+def test_probe_is_the_kernel_filter_of_the_map() -> None:
     reference = torch.rand(64, 128, 3, generator=torch.Generator().manual_seed(0)) ** 4
     views = objective.probe(reference.reshape(-1, 3).mT, 64)
     for probe, view in zip(objective.PROBES, views, strict=True):
