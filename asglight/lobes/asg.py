@@ -67,8 +67,6 @@ def evaluate(lobes: Lobes, directions: Tensor) -> Tensor:
 def unit_lobes(lobes: Lobes, directions: Tensor) -> Tensor:
     """Return each lobe's value for amplitude 1.
 
-    The sg form is computed as exp(-s/2 |d - axis_z|^2), which keeps its precision where z -> 1.
-
     Args:
         lobes: N lobes.  [..., N, .]
         directions: Unit directions.  [P, 3]
@@ -76,12 +74,30 @@ def unit_lobes(lobes: Lobes, directions: Tensor) -> Tensor:
     Returns:
         Values in [0, 1].  [..., N, P]
     """
-    if lobes.form is Form.SG:
+    if lobes.form is Form.SG:  # depends on axis_z alone; this keeps its precision where z -> 1
         chord = directions - lobes.axis_z[..., None, :]  # [..., N, P, 3]
         return torch.exp(-0.5 * lobes.sharpness[..., :1] * chord.square().sum(-1))
-    local = lobes.axes @ directions.mT  # [..., N, 3, P]
+    return local_values(lobes, lobes.axes @ directions.mT)
+
+
+def local_values(lobes: Lobes, local: Tensor) -> Tensor:
+    """Return each lobe's value for amplitude 1 at directions in its own frame.
+
+    The sg form is computed as exp(-s (x^2 + y^2) / (1 + z)), which keeps its precision where
+    z -> 1.
+
+    Args:
+        lobes: N lobes.  [..., N, .]
+        local: Components x, y, z of unit directions along the lobe's axes.  [..., N, 3, P]
+
+    Returns:
+        Values in [0, 1].  [..., N, P]
+    """
     x, y, z = local.unbind(-2)
     sx, sy = lobes.sharpness[..., None].unbind(-2)
+    if lobes.form is Form.SG:
+        beside = (x * x + y * y) / (1 + z.clamp(min=0))
+        return torch.exp(-sx * torch.where(z > 0, beside, 1 - z))
     gaussian = torch.exp(-sx * x * x - sy * y * y)
     return gaussian * z.clamp(min=0) if lobes.form is Form.ASG else gaussian
 

@@ -168,7 +168,8 @@ def test_energy_of_a_pinpoint_lobe_falls_in_the_texel_it_points_at(form: Form) -
     opposite = [HEIGHT - 1 - row, (column + WIDTH // 2) % WIDTH]
     expected = [[row, column], opposite] if form is Form.BINGHAM else [[row, column]]
     assert lit == sorted(expected)
-    assert _flux(image[..., None]) == pytest.approx(float(asg.flux(lobe)[0, 0]), rel=1e-6)
+    # four nodes a panel of two sigmas: 6e-8 2^8
+    assert _flux(image[..., None]) == pytest.approx(float(asg.flux(lobe)[0, 0]), rel=2e-5)
 
 
 def test_energy_of_a_pinpoint_lobe_on_a_corner_is_shared_by_four_texels() -> None:
@@ -222,14 +223,13 @@ def test_texel_means_in_float32_keep_the_flux() -> None:
 def test_pieces_of_the_subtexels_give_the_same_means(monkeypatch: pytest.MonkeyPatch) -> None:
     lobe = _lobe("north pole", (500.0, 300.0), Form.ASG)
     whole = texels.texel_means(lobe, HEIGHT, WIDTH)
-    monkeypatch.setattr(texels, "SUBTEXELS_AT_ONCE", 50)
+    monkeypatch.setattr(texels, "SAMPLES_AT_ONCE", 50)
     torch.testing.assert_close(texels.texel_means(lobe, HEIGHT, WIDTH), whole)
 
 
 def test_texels_not_reached_hold_nothing_worth_keeping() -> None:
     lobe = _lobe("anywhere", (400.0, 90.0), Form.BINGHAM)
-    centres = latlong.directions(HEIGHT, WIDTH, dtype=torch.float64).reshape(-1, 3)
-    reached = texels.texels_reached(lobe, centres, (HEIGHT, 2 * HEIGHT))
+    reached = texels.texels_reached(lobe, (HEIGHT, 2 * HEIGHT))
     expected = _supersampled(lobe, HEIGHT, WIDTH, order=6).ravel()
     expected[reached.numpy()] = 0
     assert expected.max() < math.exp(-texels.CUTOFF)

@@ -52,5 +52,6 @@ def follow(
     fits: list[FrameFit] = []
     for reference in references:
         previous = fits[-1].lobes if fits else None
-        fits.append(fit_frame(reference, options, previous, on_step))
+        earlier = fits[-2].lobes if len(fits) > 1 else None
+        fits.append(fit_frame(reference, options, previous, earlier, on_step))
     return fits
