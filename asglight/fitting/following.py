@@ -6,31 +6,53 @@ is sent to where the map has most light that the fit lacks.
 """
 
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from asglight.fitting import newton, objective, temporal
+from asglight.fitting import light, lobe_images, newton, objective, temporal
+from asglight.fitting.coordinates import Leash
 from asglight.fitting.first_frame import (
+    LIGHT,
     FrameFit,
+    Level,
     fit_first_frame,
+    levels_for,
     mean_radiance,
     narrowest,
     with_flux_of,
 )
+from asglight.fitting.objective import Corners
+from asglight.fitting.probes import PROBES, directions, probe, probe_rows
 from asglight.fitting.tracking import find_moved_lamps
 from asglight.lobes import Lobes, asg
-from asglight.lobes.frames import align, axes_around
+from asglight.lobes.frames import align, axes_around, parallel_transport
 from asglight.sphere import latlong
-from asglight.sphere.quadrature import fibonacci_directions
 
-LEVELS = ((64, 4), (128, 4), (256, 2))
-"""Rows and steps. A map with fewer rows than a level is followed on its own rows."""
+FAST = (
+    Level(64, 6, Corners(0.3, 0.02)),
+    Level(128, 5, Corners(0.1, 0.01)),
+    Level(256, 2, Corners(0.1, 0.005)),
+)
+"""The levels of a next frame."""
+
+BEST = (
+    Level(64, 8, Corners(0.3, 0.02)),
+    Level(128, 12, Corners(0.1, 0.01)),
+    Level(256, 12, Corners(0.05, 0.005)),
+)
+
+FORETELL_ROWS = 32
+"""Rows of the grid on which the foretold motion is tried."""
+
+FORETELL_DEG = 20.0
+"""A lobe that moved further went dark and was sent elsewhere; that foretells nothing."""
 
 DAMPING_START = 1e-3
 
-DARK_SHARE = 1e-4
-"""Share of the flux below which a lobe counts as dark: nobody sees it move."""
+LEASH_DEG = 9.9
+"""From frame to frame a lit lobe turns by less than this: beyond 10 degrees it would be a jump."""
 
 LACKING_SHARE = 5e-3
 """Filtered radiance lacking at a place, over the largest there is, that is worth a free lobe."""
@@ -45,12 +67,19 @@ FREE_LOBE_SHARPNESS = 60.0
 """Width of a lobe newly sent: sigma = 5 degrees, about the probe that found the place."""
 
 
-def fit_next_frame(reference: Tensor, previous: Lobes) -> FrameFit:
+def fit_next_frame(
+    reference: Tensor,
+    previous: Lobes,
+    earlier: Lobes | None = None,
+    levels: tuple[Level, ...] = FAST,
+) -> FrameFit:
     """Fit a frame that follows another.
 
     Args:
         reference: Repaired radiance.  [H, 2 H, 3]
         previous: The lobes of the frame before.  [N, .]
+        earlier: The lobes of the frame before that, from which the motion is foretold.  [N, .]
+        levels: From coarse to fine.
     """
     exposure = mean_radiance(reference)
     if exposure <= 0:
@@ -60,24 +89,56 @@ def fit_next_frame(reference: Tensor, previous: Lobes) -> FrameFit:
     scaled = reference / exposure
     before = _scaled(previous, 1 / _within_reach(exposure, previous))
     height = reference.shape[0]
-    lobes, loss = _send_free_lobes(find_moved_lamps(before, scaled), scaled), 0.0
-    held = temporal.prior(lobes)
-    for rows, steps in _levels(height):
-        frame = objective.target(latlong.reduce(scaled, rows, 2 * rows))
+    start = _foretold(before, earlier, scaled)
+    lobes, leash = _send_free_lobes(find_moved_lamps(start, scaled), scaled, before, earlier)
+    held, loss = temporal.prior(lobes), math.inf
+    for level in levels_for(levels, height):
+        frame = objective.target(latlong.reduce(scaled, level.rows, 2 * level.rows), level.corners)
         outcome = newton.minimise(
-            newton.relight(lobes, frame),
+            light.relight(lobes, frame) if math.isinf(loss) else lobes,
             frame,
-            steps,
-            prior=held,
+            level.steps,
+            priors=[held],
             damping=DAMPING_START,
             width_min=narrowest(height),
+            leash=leash,
         )
         lobes, loss = outcome.lobes, outcome.value
     if loss > SUSPECT_LOSS:
         fresh = fit_first_frame(reference, previous.count, previous.form)
         if fresh.loss < CUT_GAIN * loss:
             return fresh
-    return with_flux_of(align(lobes, before), scaled, exposure, loss)
+    lobes = light.relight(align(lobes, before), objective.target(scaled, LIGHT), passes=1)
+    return with_flux_of(lobes, scaled, exposure, loss)
+
+
+def _foretold(before: Lobes, earlier: Lobes | None, scaled: Tensor) -> Lobes:
+    """Return the lobes as they were, or moved on as they moved last, whichever fits better.
+
+    Args:
+        before: The frame before, in the exposure of this one.  [N, .]
+        earlier: The frame before that.  [N, .]
+        scaled: This frame.  [H, 2 H, 3]
+    """
+    if earlier is None:
+        return before
+    rows = min(FORETELL_ROWS, scaled.shape[0])
+    frame = objective.target(latlong.reduce(scaled, rows, 2 * rows), FAST[0].corners)
+    onward = _mirrored(earlier.axis_z, before.axis_z)
+    steady = (before.axis_z * earlier.axis_z).sum(-1) > math.cos(math.radians(FORETELL_DEG))
+    onward = torch.where(steady[:, None], onward, before.axis_z)
+    moved = parallel_transport(before.axes, onward)
+    candidates = (before, replace(before, axes=moved))
+    lit = [light.relight(candidate, frame, passes=1) for candidate in candidates]
+    values = [
+        float(objective.value(lobe_images.images(one, frame.grid).radiance, frame)) for one in lit
+    ]
+    return candidates[values[1] < values[0]]
+
+
+def _mirrored(direction: Tensor, about: Tensor) -> Tensor:
+    """Return a direction as far beyond another as it was before it.  [N, 3]."""
+    return 2 * (direction * about).sum(-1, keepdim=True) * about - direction
 
 
 def _within_reach(exposure: float, previous: Lobes) -> float:
@@ -90,25 +151,35 @@ def _within_reach(exposure: float, previous: Lobes) -> float:
     return exposure if 2**-10 < own / exposure < 2**10 else own
 
 
-def _levels(height: int) -> list[tuple[int, int]]:
-    coarser = [level for level in LEVELS if level[0] < height]
-    return coarser if len(coarser) == len(LEVELS) else [*coarser, (height, LEVELS[len(coarser)][1])]
-
-
 def _scaled(lobes: Lobes, factor: float) -> Lobes:
     return Lobes(lobes.axes, lobes.sharpness, lobes.amplitude * factor, lobes.form)
 
 
-def _send_free_lobes(lobes: Lobes, scaled: Tensor) -> Lobes:
-    """Send each dark lobe to the place where the sharpest probe lacks most light."""
-    flux = asg.flux(lobes).sum(-1)
-    free = torch.nonzero(flux < DARK_SHARE * flux.sum()).flatten().tolist()
+def _send_free_lobes(
+    lobes: Lobes, scaled: Tensor, before: Lobes, earlier: Lobes | None
+) -> tuple[Lobes, Leash]:
+    """Send each free lobe to the place where the sharpest probe lacks most light.
+
+    A lobe is free when it was dark in both frames before, so that it can move while it is dark. All
+    others are held within reach of where they were.
+    """
+    dark = (
+        temporal.is_dark(before)
+        if earlier is None
+        else temporal.is_dark(before) & temporal.is_dark(earlier)
+    )
+    reach = torch.where(dark, -1.0, math.cos(math.radians(LEASH_DEG)))
+    leash = Leash(before.axis_z, reach)
+    held = parallel_transport(lobes.axes, leash.hold(lobes.axis_z))
+    lobes = replace(lobes, axes=held)
+    free = torch.nonzero(dark).flatten().tolist()
     if not free:
-        return lobes
-    sharpest = len(objective.PROBES) - 1
-    rows = min(objective.PROBES[sharpest].height, scaled.shape[0])
+        return lobes, leash
+    sharpest = PROBES[-1]
+    rows = min(sharpest.height, scaled.shape[0])
     frame = objective.target(latlong.reduce(scaled, rows, 2 * rows))
-    places = fibonacci_directions(objective.PROBES[sharpest].directions).to(scaled)
+    brightest = float(probe(frame.radiance, rows)[-1].sum(0).max())
+    places = directions(sharpest, probe_rows(sharpest, rows)).to(scaled)
     axes, sharpness, amplitude = (
         lobes.axes.clone(),
         lobes.sharpness.clone(),
@@ -116,14 +187,12 @@ def _send_free_lobes(lobes: Lobes, scaled: Tensor) -> Lobes:
     )
     for index in free:
         current = Lobes(axes, sharpness, amplitude, lobes.form)
-        shown = objective.probe(newton.texel_radiance(current, frame).mT, rows)[sharpest].mT
-        lacking = frame.probed[sharpest] - shown  # [D, 3]
+        shown = lobe_images.images(current, frame.grid).radiance
+        lacking = probe(frame.radiance - shown, rows)[-1].mT  # [D, 3]
         place = int(lacking.sum(-1).argmax())
-        if float(lacking[place].sum()) < LACKING_SHARE * float(
-            frame.probed[sharpest].sum(-1).max()
-        ):
+        if float(lacking[place].sum()) < LACKING_SHARE * brightest:
             break
         axes[index] = axes_around(places[place])
         sharpness[index] = FREE_LOBE_SHARPNESS
         amplitude[index] = lacking[place].clamp(min=0)
-    return Lobes(axes, sharpness, amplitude, lobes.form)
+    return Lobes(axes, sharpness, amplitude, lobes.form), leash

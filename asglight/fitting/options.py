@@ -16,6 +16,8 @@ class Preset(StrEnum):
 
     FAST = "fast"
     """EM start, Levenberg-Marquardt from coarse to fine (first_frame.py, following.py)."""
+    BEST = "best"
+    """The same with several starts and more steps: up to 30 s for a first frame."""
     PAPER = "paper"
     """Clausen et al. 2024 as published (paper.py)."""
 
@@ -28,7 +30,7 @@ class FitOptions:
         lobes: Number of lobes.
         preset: How.
         form: Lobe function.
-        seed: Of the `paper` preset's start; `fast` draws no random numbers.
+        seed: Of the `paper` preset's start; the others draw no random numbers.
         device: Where torch computes: "cpu", "cuda", "cuda:1".
         paper_steps: Adam steps of the `paper` preset for the first and for each next frame.
     """

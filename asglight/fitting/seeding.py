@@ -2,11 +2,13 @@
 """Where the lobes of a first frame start: flux-weighted splitting, then EM with second moments.
 
 A map is a density of flux over the sphere. It is cut into N clusters of cells by variance, each
-time the cluster with the largest flux times variance along its principal axis, in the spirit of
-the variance-minimisation cut [Viriyothai and Debevec 2009]. Expectation-maximisation then fits a
-mixture of lobe densities to the flux [Banerjee et al. 2005 for the isotropic case]: each lobe takes
-its share of every cell and moves to the mean and the in-plane covariance of what it took. Flux is
-kept exactly: each lobe's amplitude is the RGB flux it took over its integral.
+time the cluster with the most flux and spread along its principal axis, in the spirit of the
+variance-minimisation cut [Viriyothai and Debevec 2009]; a spread beyond a few degrees counts no
+more for being wider, so a small lamp with much of the light is not left to one lobe.
+Expectation-maximisation then fits a mixture of lobe densities to the flux [Banerjee et al. 2005 for
+the isotropic case]: each lobe takes its share of every cell and moves to the mean and the in-plane
+covariance of what it took. Flux is kept exactly: each lobe's amplitude is the RGB flux it took over
+its integral.
 
 A cell is a block of texels, or one texel where the map is bright. It is represented by its flux and
 by the exact first and second moments of direction within it, so a lamp of one texel stays as narrow
@@ -28,6 +30,9 @@ EM_STEPS = 30
 
 BRIGHT_SHARE = 5e-4
 """Flux share from which a block is taken apart into its texels. At most 2,000 blocks can be."""
+
+SPREAD_DEG = 5.0
+"""Half the width of what GGX 0.25 shows of a point: a wider lamp looks different from a point."""
 
 WIDTH_MIN_TEXELS = 0.35
 """Sigma of the narrowest lobe, in texels of the map. A square texel's own standard deviation is
@@ -103,14 +108,20 @@ def _moment_features(reference: Tensor) -> Tensor:
     return torch.cat([radiance, power * directions, power * outer], dim=-1)
 
 
-def split(source: Cells, count: int) -> Tensor:
-    """Cut the cells into clusters of small flux-weighted variance.
+def split(source: Cells, count: int, spread_deg: float) -> Tensor:
+    """Cut the cells into clusters of small flux-weighted spread.
+
+    Args:
+        source: The cells.
+        count: N.
+        spread_deg: Standard deviation that counts as half of the most there is.
 
     Returns:
         Cluster index of each cell, below `count`; fewer clusters where cells run out.  [C]
     """
     labels = torch.zeros(len(source.weight), dtype=torch.long, device=source.weight.device)
-    spreads = [_principal_spread(source, labels == 0)]
+    half = math.radians(spread_deg) ** 2
+    spreads = [_principal_spread(source, labels == 0, half)]
     for new in range(1, count):
         chosen = max(range(len(spreads)), key=lambda index: spreads[index][0])
         size, axis, middle = spreads[chosen]
@@ -118,13 +129,13 @@ def split(source: Cells, count: int) -> Tensor:
             break
         members = labels == chosen
         labels[members & (source.mean @ axis > middle)] = new
-        spreads[chosen] = _principal_spread(source, labels == chosen)
-        spreads.append(_principal_spread(source, labels == new))
+        spreads[chosen] = _principal_spread(source, labels == chosen, half)
+        spreads.append(_principal_spread(source, labels == new, half))
     return labels
 
 
-def _principal_spread(source: Cells, members: Tensor) -> tuple[float, Tensor, float]:
-    """Return flux x variance along the principal axis, that axis, and the mean along it."""
+def _principal_spread(source: Cells, members: Tensor, half: float) -> tuple[float, Tensor, float]:
+    """Return flux times variance / (variance + half), the principal axis, and the mean along it."""
     if int(members.sum()) < 2:
         return 0.0, source.mean.new_zeros(3), 0.0
     weight, mean = source.weight[members], source.mean[members]
@@ -133,8 +144,9 @@ def _principal_spread(source: Cells, members: Tensor) -> tuple[float, Tensor, fl
     offset = mean - centre
     scatter = (weight[:, None] * offset).mT @ offset
     values, vectors = torch.linalg.eigh(scatter)
-    axis = vectors[:, -1]
-    return float(values[-1]), axis, float(centre @ axis)
+    axis, variance = vectors[:, -1], float(values[-1] / total)
+    spread = float(total) * variance / (variance + half)
+    return spread, axis, float(centre @ axis)
 
 
 def expectation_maximisation(source: Cells, labels: Tensor, count: int, form: Form) -> Lobes:
@@ -217,7 +229,6 @@ def sharpness_from_variance(variance: Tensor, form: Form) -> Tensor:
     return corrected.clamp(min=asg.SHARPNESS_MIN, max=asg.SHARPNESS_MAX)
 
 
-def seed_lobes(reference: Tensor, count: int, form: Form) -> Lobes:
-    """Return starting lobes for a map.  reference: [H, W, 3]; result [N, .]."""
-    source = cells(reference)
-    return expectation_maximisation(source, split(source, count), count, form)
+def seed_lobes(source: Cells, count: int, form: Form, spread_deg: float = SPREAD_DEG) -> Lobes:
+    """Return starting lobes for a map's cells.  [N, .]."""
+    return expectation_maximisation(source, split(source, count, spread_deg), count, form)

@@ -1,17 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """One frame of a sequence, started from the one before, with the preset that was asked for."""
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
+import torch
 from torch import Tensor
 
-from asglight.fitting import paper
-from asglight.fitting.first_frame import FrameFit, fit_first_frame, mean_radiance
+from asglight.fitting import following, paper
+from asglight.fitting.first_frame import BEST, FAST, FrameFit, fit_first_frame, mean_radiance
 from asglight.fitting.following import fit_next_frame
 from asglight.fitting.options import FitOptions, Preset
 from asglight.lobes import Lobes, asg
 from asglight.lobes.frames import canonical
+
+_EFFORT = {Preset.FAST: FAST, Preset.BEST: BEST}
+
+_PACE = {Preset.FAST: following.FAST, Preset.BEST: following.BEST}
 
 StepCallback = Callable[[int, int, float], None]
 """Called with the step, the number of steps and the loss, where a frame takes long."""
@@ -21,6 +28,7 @@ def fit_frame(
     reference: Tensor,
     options: FitOptions,
     previous: Lobes | None,
+    earlier: Lobes | None = None,
     on_step: StepCallback | None = None,
 ) -> FrameFit:
     """Fit one frame.
@@ -29,14 +37,31 @@ def fit_frame(
         reference: Repaired radiance.  [H, W, 3]
         options: Settings.
         previous: The lobes of the frame before; None starts afresh.  [N, .]
+        earlier: Those of the frame before that, if there is one.  [N, .]
         on_step: Progress within the frame (`paper` only).
     """
     if options.preset is Preset.PAPER:
         return _paper_frame(reference, options, previous, on_step)
-    if previous is None:
-        first = fit_first_frame(reference, options.lobes, options.form)
-        return FrameFit(canonical(first.lobes), first.loss, first.flux_error)
-    return fit_next_frame(reference, previous)
+    with _one_thread():
+        if previous is not None:
+            return fit_next_frame(reference, previous, earlier, _PACE[options.preset])
+        first = fit_first_frame(reference, options.lobes, options.form, _EFFORT[options.preset])
+        return replace(first, lobes=canonical(first.lobes))
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Compute on one thread of the processor: a step's tensors are too small to share.
+
+    A second thread gains nothing, and where other programs run the two wait for each other. Reading
+    the next frame has the other core to itself.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def _paper_frame(

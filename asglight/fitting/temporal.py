@@ -9,11 +9,12 @@ parts of its brightest channel. It is the L_T of Clausen et al. 2024, a norm and
 of the map is held back, a real motion is not dragged behind.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
+from asglight.fitting.coordinates import BROAD
 from asglight.lobes import Form, Lobes, asg
 
 GAMMA = 0.01
@@ -26,8 +27,13 @@ TILT_UNIT_MAX = 0.1
 """Radians. A broad lobe's way counts in these, 6 degrees, for it is seen to move long before it
 has moved by its own width."""
 
-BROAD = 0.5
-"""The 1/2 of s + 1/2: the sharpness at which a lobe is about as wide as the hemisphere allows."""
+
+DARK_SHARE = 1e-4
+"""Share of the flux below which a lobe counts as dark: nobody sees it move."""
+
+DARK_UNIT = 1e-6
+"""Unit of the light of a black lobe, in mean radiances of the map: its share is 0, and its way must
+stay finite."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,7 @@ def prior(lobes: Lobes, gamma: float = GAMMA) -> Prior:
     width = (factor * lobes.sharpness).rsqrt().clamp(max=TILT_UNIT_MAX)  # [N, 2]
     shifted = lobes.sharpness + BROAD
     long = (shifted.amax(-1) / shifted.amin(-1)).sqrt() - shifted.amin(-1) / shifted.amax(-1)
-    light = lobes.amplitude.amax(-1, keepdim=True).clamp(min=1e-30).expand(-1, 3)
+    light = lobes.amplitude.amax(-1, keepdim=True).clamp(min=DARK_UNIT).expand(-1, 3)
     ones = torch.ones_like(width)
     # a round lobe's turn is no motion: it gets a large unit
     scale = torch.cat([width, ones, 1 / long.clamp(min=0.1)[:, None], light], dim=-1)
@@ -85,3 +91,28 @@ def add_curvature(hessian: Tensor, gradient: Tensor, lobes: Lobes, held: Prior) 
     curvature = (weight[:, None] / held.scale.square()).double()
     torch.diagonal(hessian).add_(curvature.reshape(-1))
     gradient.add_((weight[:, None] * delta / held.scale).double().reshape(-1))
+
+
+def is_dark(lobes: Lobes) -> Tensor:
+    """Tell which lobes hold so small a share of their frame's flux that nobody sees them.
+
+    [..., N, .] -> [..., N].
+    """
+    flux = asg.flux(lobes).sum(-1)
+    return flux < DARK_SHARE * flux.sum(-1, keepdim=True)
+
+
+def waiting(lobes: Lobes) -> Lobes:
+    """Let dark lobes point where they will be lit next, so that no lit lobe jumps.
+
+    Of a stretch of dark frames the first keeps the direction of the frame before it: a lobe turns
+    between two frames in both of which it is dark.
+
+    Args:
+        lobes: A shot.  [F, N, .]
+    """
+    dark, axes = is_dark(lobes), lobes.axes.clone()
+    for frame in range(len(axes) - 2, -1, -1):
+        free = dark[frame] if frame == 0 else dark[frame] & dark[frame - 1]
+        axes[frame] = torch.where(free[:, None, None], axes[frame + 1], axes[frame])
+    return replace(lobes, axes=axes)

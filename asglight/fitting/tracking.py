@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from asglight.fitting import objective
+from asglight.fitting import lobe_images, objective
 from asglight.fitting.seeding import WIDTH_MIN_TEXELS
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.lobes.frames import parallel_transport
@@ -30,6 +30,9 @@ REACH_DEG = 9.0
 NARROW_DEG = 9.0
 """Sigma of a lobe up to which it is looked for; a broader one overlaps its next place."""
 
+WORTH_WIDTHS, WORTH_FACTOR = 0.25, 1.5
+"""A lamp nearer than that to its lobe, and no narrower than that, is within reach of a step."""
+
 LIT_SHARE = 1e-3
 """Share of the flux from which a lobe is worth looking for."""
 
@@ -42,27 +45,27 @@ class _Search:
     """One frame and the lobes found so far, with their images."""
 
     frame: objective.Target
-    power: Tensor  # solid angles  [P, 1]
     lobes: Lobes
     values: Tensor  # unit texel means  [N, P]
-    radiance: Tensor  # [P, 3]
+    radiance: Tensor  # [3, P]
     loss: float
 
     def offer(self, index: int, lobes: Lobes) -> None:
         """Take a changed lobe if the loss falls."""
         lobe = lobes.select(torch.tensor([index], device=lobes.axes.device))
-        value = texels.unit_texel_means(lobe, self.frame.height, 2 * self.frame.height)[0]
-        own = self.values[index][:, None] * self.lobes.amplitude[index]
-        radiance = self.radiance - own + value[:, None] * lobes.amplitude[index]
-        loss = objective.value(radiance, self.frame)
+        value = lobe_images.images(lobe, self.frame.grid).values[0]
+        own = self.lobes.amplitude[index][:, None] * self.values[index]
+        radiance = self.radiance - own + lobes.amplitude[index][:, None] * value
+        loss = float(objective.value(radiance, self.frame))
         if loss < self.loss:
             self.lobes, self.radiance, self.loss = lobes, radiance, loss
             self.values[index] = value
 
     def left_for(self, index: int) -> Tensor:
-        """Return the flux that the other lobes leave in each texel.  [P, 3]."""
-        own = self.values[index][:, None] * self.lobes.amplitude[index]
-        return self.power * (self.frame.radiance - self.radiance + own).clamp(min=0)
+        """Return the flux that the other lobes leave in each texel, over 4 pi.  [3, P]."""
+        own = self.lobes.amplitude[index][:, None] * self.values[index]
+        left = (self.frame.radiance - self.radiance + own).clamp(min=0)
+        return self.frame.grid.share * left
 
 
 def find_moved_lamps(lobes: Lobes, scaled: Tensor) -> Lobes:
@@ -81,21 +84,27 @@ def find_moved_lamps(lobes: Lobes, scaled: Tensor) -> Lobes:
     search = _search(lobes, scaled)
     for index in candidates:
         left = search.left_for(index)
-        place = _mean_shift(lobes.axis_z[index], left.sum(-1), search.frame.directions)
+        place = _mean_shift(lobes.axis_z[index], left.sum(0), search.frame.grid.directions)
         if float(place @ lobes.axis_z[index]) < math.cos(math.radians(REACH_DEG)):
             continue
-        search.offer(index, _turned_to(search.lobes, index, place))
-        search.offer(index, _as_found(search.lobes, index, place, left, search.frame))
+        found = _as_found(search.lobes, index, place, left, search.frame)
+        own = search.lobes.select(torch.tensor([index]))
+        moved = math.acos(min(1.0, float(place @ lobes.axis_z[index])))
+        narrower = float(found.sharpness[index, 0] / own.sharpness.amax())
+        if moved > WORTH_WIDTHS * float(texels.lobe_width(own)):
+            search.offer(index, _turned_to(search.lobes, index, place))
+        elif narrower < WORTH_FACTOR:
+            continue
+        search.offer(index, found)
     return search.lobes
 
 
 def _search(lobes: Lobes, scaled: Tensor) -> _Search:
     rows = min(ROWS_MAX, scaled.shape[0])
     frame = objective.target(latlong.reduce(scaled, rows, 2 * rows))
-    power = latlong.texel_solid_angles(rows, 2 * rows, device=scaled.device).reshape(-1, 1)
-    values = texels.unit_texel_means(lobes, rows, 2 * rows)
-    radiance = values.mT @ lobes.amplitude
-    return _Search(frame, power, lobes, values, radiance, objective.value(radiance, frame))
+    shown = lobe_images.images(lobes, frame.grid)
+    loss = float(objective.value(shown.radiance, frame))
+    return _Search(frame, lobes, shown.values, shown.radiance, loss)
 
 
 def _window(place: Tensor, directions: Tensor, sigma_deg: float) -> Tensor:
@@ -127,15 +136,16 @@ def _as_found(
     1 / (1 / v + 1 / w), which is solved for v.
     """
     window = WINDOWS_DEG[-1]
-    seen = left * _window(place, frame.directions, window)[:, None]  # [P, 3]
-    across = (1 - (frame.directions @ place).square()) / 2  # x^2, averaged over the azimuth
+    directions = frame.grid.directions
+    seen = left * _window(place, directions, window)  # [3, P]
+    across = (1 - (directions @ place).square()) / 2  # x^2, averaged over the azimuth
     total = seen.sum().clamp(min=1e-30)
-    shown = float((seen.sum(-1) * across).sum() / total)
+    shown = float((seen.sum(0) * across).sum() / total)
     own = max(1 / shown - 1 / math.radians(window) ** 2, 1.0) if shown > 0 else math.inf
     least = (WIDTH_MIN_TEXELS * math.pi / frame.height) ** 2
     sharpness = lobes.sharpness.clone()
     sharpness[index] = min(own, 1 / least) * (1.0 if lobes.form is Form.SG else 0.5)
     moved = _turned_to(Lobes(lobes.axes, sharpness, lobes.amplitude, lobes.form), index, place)
     amplitude = lobes.amplitude.clone()
-    amplitude[index] = seen.sum(0) / asg.integral(moved)[index]
+    amplitude[index] = 4 * math.pi * seen.sum(1) / asg.integral(moved)[index]
     return Lobes(moved.axes, sharpness, amplitude, lobes.form)

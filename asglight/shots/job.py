@@ -169,13 +169,13 @@ def _fit_frames(
     sequence: Sequence, options: FitOptions, done: list[FrameRecord], on_progress: OnProgress
 ) -> Iterator[FrameRecord]:
     """Fit the frames that follow those that are done."""
-    previous = done[-1].lobes if done else None
+    before = [record.lobes for record in done[-2:]]
     frames = list(sequence.frames[len(done) :])
     with contextlib.closing(read_ahead(sequence, frames)) as images:
         for frame in frames:
             begin = time.perf_counter()
-            record = _fit_one(frame, next(images), options, previous, on_progress, begin)
-            previous = record.lobes
+            record = _fit_one(frame, next(images), options, before, on_progress, begin)
+            before = [*before[-1:], record.lobes]
             yield record
 
 
@@ -183,15 +183,17 @@ def _fit_one(
     frame: int,
     read: ReadFrame,
     options: FitOptions,
-    previous: Lobes | None,
+    before: list[Lobes],
     on_progress: OnProgress,
     begin: float,
 ) -> FrameRecord:
     """Fit one frame; what the next one starts from is exactly what a checkpoint keeps."""
+    there = [lobes.to(options.device) for lobes in before]
     fit = fit_frame(
         read.image.radiance.to(options.device),
         options,
-        None if previous is None else previous.to(options.device),
+        there[-1] if there else None,
+        there[-2] if len(there) > 1 else None,
         lambda step, steps, loss: on_progress(StepDone(frame, step, steps, loss)),
     )
     lobes = fit.lobes.to("cpu", torch.float32)

@@ -13,6 +13,7 @@ import torch
 
 from asglight import __version__
 from asglight.fitting.options import FitOptions
+from asglight.fitting.temporal import waiting
 from asglight.images import Sequence
 from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
@@ -35,7 +36,7 @@ def tracks_from(
         options: How they were fitted.
         fps: Frames per second.
     """
-    lobes = continuous(stack([record.lobes for record in records]))  # [F, N, .]
+    lobes = continuous(waiting(stack([record.lobes for record in records])))  # [F, N, .]
     lit = lit_lobes(lobes)
     metadata = {
         "asglight": __version__,

@@ -15,7 +15,11 @@ from asglight.cli.main import main
 
 OPTIONS = ("--lobes", "2", "--representation", "dome")
 
-KILL = "import os, signal\nfrom asglight.shots import checkpoint\nseen = []\n"
+KILL = (
+    "import os, signal\nfrom asglight.shots import checkpoint\nseen = []\n"
+    # a shell's background jobs ignore it, and their children do
+    "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+)
 AFTER_FRAME = KILL + (
     "append = checkpoint.Checkpoint.append\n"
     "def kill(self, record):\n"

@@ -38,14 +38,14 @@ def angle_deg(a: Tensor, b: Tensor) -> float:
 @pytest.mark.parametrize("form", list(Form))
 def test_seeding_keeps_the_flux_of_every_channel(form: Form) -> None:
     radiance = torch.rand(32, 64, 3, generator=torch.Generator().manual_seed(0)) ** 8
-    lobes = seeding.seed_lobes(radiance, 15, form)
+    lobes = seeding.seed_lobes(seeding.cells(radiance), 15, form)
     flux = asg.flux(lobes).double().sum(0)
     torch.testing.assert_close(flux, flux_of(radiance), rtol=1e-5, atol=0)
 
 
 def test_seeding_gives_each_lamp_its_lobe_and_its_width() -> None:
     truth = lamps([(1, 0, 0), (0, 0.5, -1), (0, 1, 0.2)], [40.0, 200.0, 800.0], [1.0, 4.0, 9.0])
-    lobes = seeding.seed_lobes(texels.texel_means(truth, 128, 256), 3, Form.ASG)
+    lobes = seeding.seed_lobes(seeding.cells(texels.texel_means(truth, 128, 256)), 3, Form.ASG)
     nearest = (lobes.axis_z @ truth.axis_z.mT).argmax(0)
     assert sorted(nearest.tolist()) == [0, 1, 2]
     for index, lobe in enumerate(nearest.tolist()):
@@ -154,7 +154,7 @@ def test_moving_sun_keeps_its_lobe() -> None:
         cos, sin = math.cos(math.radians(30)), math.sin(math.radians(30))
         direction = torch.tensor([cos * math.sin(angle), sin, cos * math.cos(angle)])
         assert brightest(fit.lobes) == sun
-        assert angle_deg(fit.lobes.axis_z[sun], direction) < 0.5
+        assert angle_deg(fit.lobes.axis_z[sun], direction) < 0.7  # a quarter of a texel
 
 
 def test_frozen_sequence_stays_still() -> None:

@@ -164,9 +164,9 @@ def test_energy_of_a_pinpoint_lobe_counts_in_full(form: Form) -> None:
         reference[texel] = 1e5 * integral / solid_angle[texel]
     image = torch.from_numpy(reference.reshape(HEIGHT, WIDTH, 3)).float()
     found = metrics.frame_errors(lobes, image).values
-    # the axis is held in float32; sub-texels of sigma / 4 cost nothing away from the poles
-    assert found["flux"] < 1e-5
-    assert found["env"] < 1e-5
+    # four nodes a panel of two sigmas hold the mean to 6e-8 2^8 an axis
+    assert found["flux"] < 4e-5
+    assert found["env"] < 4e-5
 
 
 def _sequence(seed: int, frames: int = 4) -> tuple[list[np.ndarray], list[np.ndarray]]:

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Local coordinates of a lobe, in which the fit has no singular point.
+
+tilt     axis_z turns by (t_x, t_y) towards axis_x, axis_y
+widths   s + 1/2 grows by a factor exp(e): like log s for narrow lobes, like s itself for broad
+ones, on which log s has no influence
+turn     a long lobe's frame turns about axis_z by an angle; a round one, which has no preferred
+axis, shears: D^1/2 exp([[0, e], [e, 0]]) D^1/2 with D = diag(sx + 1/2, sy + 1/2)
+light    the RGB amplitude, linear and never below 0
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from asglight.lobes import Form, Lobes, asg
+from asglight.lobes.frames import orthonormal
+
+UNKNOWNS = 8
+"""Five of the shape and three of the amplitude."""
+
+BROAD = 0.5
+"""The 1/2 of s + 1/2: the sharpness at which a lobe is about as wide as the hemisphere allows."""
+
+TILT_MAX_WIDTHS = 1.0
+"""A step turns a lobe by at most its own width: beyond it the linear model says nothing."""
+
+TILT_MAX = 0.5
+"""Radians, for lobes broader than that."""
+
+SHAPE_MAX = 1.0
+"""A step changes a width's s + 1/2 by at most a factor e, and turns by at most a radian."""
+
+ROUND_RATIO = 2.6
+"""(sx + 1/2) / (sy + 1/2) up to which a lobe shears instead of turning: there both coordinates
+move the lobe equally fast, |sx - sy| = sqrt((sx + 1/2) (sy + 1/2))."""
+
+
+def is_round(lobes: Lobes) -> Tensor:
+    """Tell which lobes shear instead of turning.  [N]."""
+    shifted = lobes.sharpness + BROAD
+    return shifted.amax(-1) < ROUND_RATIO * shifted.amin(-1)
+
+
+@dataclass(frozen=True)
+class Leash:
+    """How far from where it was a lobe may be.
+
+    Attributes:
+        axis_z: Where it was.  [N, 3]
+        cosine: Of the largest angle; -1 for a lobe that is free.  [N]
+    """
+
+    axis_z: Tensor
+    cosine: Tensor
+
+    def hold(self, axis_z: Tensor) -> Tensor:
+        """Return unit directions pulled back to within the angle.  [N, 3]."""
+        along = (axis_z * self.axis_z).sum(-1, keepdim=True)
+        across = torch.nn.functional.normalize(axis_z - along * self.axis_z, dim=-1)
+        cosine = self.cosine[:, None]
+        edge = cosine * self.axis_z + (1 - cosine.square()).clamp(min=0).sqrt() * across
+        return torch.where(along < cosine, edge, axis_z)
+
+
+def advance(
+    lobes: Lobes, step: Tensor, width_min: float = 0.0, leash: Leash | None = None
+) -> Lobes:
+    """Move lobes by a step in local coordinates, within its trust bounds.
+
+    Args:
+        lobes: The lobes.  [N, .]
+        step: Tilts, widths, turn, light.  [N, 8]
+        width_min: Sigma of the narrowest lobe allowed, radians.
+        leash: Bounds on the directions.
+    """
+    step = step.to(lobes.axes.dtype)
+    tilt, shape, light = step[:, :2], step[:, 2:5], step[:, 5:]
+    widths = (1.0 if lobes.form is Form.SG else 2.0) * lobes.sharpness
+    bound = (TILT_MAX_WIDTHS * widths.clamp(min=1e-6).rsqrt()).clamp(max=TILT_MAX)
+    tilt = torch.maximum(torch.minimum(tilt, bound), -bound)
+    shape = shape * (SHAPE_MAX / shape.abs().amax(-1, keepdim=True).clamp(min=SHAPE_MAX))
+    axis_z = lobes.axis_z + tilt[:, :1] * lobes.axis_x + tilt[:, 1:] * lobes.axis_y
+    if leash is not None:
+        axis_z = leash.hold(torch.nn.functional.normalize(axis_z, dim=-1))
+    sharpness, axis_x = _reshape(lobes, shape)
+    axes = orthonormal(torch.stack([axis_x, lobes.axis_y, axis_z], dim=-2))
+    limit = asg.SHARPNESS_MAX
+    if width_min > 0:
+        limit = min(limit, 1 / ((1.0 if lobes.form is Form.SG else 2.0) * width_min**2))
+    sharpness = sharpness.clamp(min=asg.SHARPNESS_MIN, max=limit)
+    return Lobes(axes, sharpness, (lobes.amplitude + light).clamp(min=0), lobes.form)
+
+
+def _reshape(lobes: Lobes, shape: Tensor) -> tuple[Tensor, Tensor]:
+    """Apply width changes and the turn; return the new sharpnesses and axis_x."""
+    if lobes.form is Form.SG:
+        return (lobes.sharpness + BROAD) * shape[:, :1].exp() - BROAD, lobes.axis_x
+    turn = shape[:, 2:]
+    turned = turn.cos() * lobes.axis_x + turn.sin() * lobes.axis_y
+    factors = shape[:, :2].exp()
+    sheared_sharpness, sheared = _shear(lobes, shape)
+    round_ = is_round(lobes)[:, None]
+    sharpness = (lobes.sharpness + BROAD) * factors
+    return torch.where(round_, sheared_sharpness, sharpness) - BROAD, torch.where(
+        round_, sheared, turned
+    )
+
+
+def _shear(lobes: Lobes, shape: Tensor) -> tuple[Tensor, Tensor]:
+    """Apply widths and shear to s + 1/2 as a matrix; return its eigenvalues and axis_x."""
+    root = (lobes.sharpness + BROAD).sqrt()
+    change = torch.stack(
+        [torch.stack([shape[:, 0], shape[:, 2]], -1), torch.stack([shape[:, 2], shape[:, 1]], -1)],
+        dim=-2,
+    )
+    matrix = root[:, :, None] * torch.linalg.matrix_exp(change) * root[:, None, :]
+    values, vectors = torch.linalg.eigh(matrix.double())  # ascending
+    swap = vectors[:, 0, 0].abs() > vectors[:, 0, 1].abs()  # keep x where x was
+    first = torch.where(swap[:, None], vectors[:, :, 0], vectors[:, :, 1])
+    first = first * torch.where(first[:, :1] < 0, -1.0, 1.0)
+    values = torch.where(swap[:, None], values, values.flip(-1)).to(root.dtype)
+    first = first.to(root.dtype)
+    return values, first[:, :1] * lobes.axis_x + first[:, 1:] * lobes.axis_y

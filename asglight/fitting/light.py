@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The linear part of the fit: the light of lobes whose shapes are held."""
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.optimize
+import torch
+from torch import Tensor
+
+from asglight.fitting import lobe_images, objective
+from asglight.fitting.probes import probe
+from asglight.lobes import Lobes
+
+PASSES = 3
+"""Reweightings of the amplitudes' own problem: the third changes them by a percent or so."""
+
+RIDGE = 1e-5
+"""Of the unit diagonal of the amplitudes' Gram matrix: above the rounding of float32 images."""
+
+
+def relight(lobes: Lobes, frame: objective.Target, passes: int = PASSES) -> Lobes:
+    """Solve for the amplitudes alone, shapes held: the linear part of the problem.
+
+    Each pass is a non-negative least squares problem of the reweighted normal equations for each
+    channel [Lawson and Hanson 1974].
+    """
+    values = lobe_images.images(lobes, frame.grid).values  # [N, P]
+    views = probe(values, frame.height)
+    amplitude = lobes.amplitude
+    for _ in range(passes):
+        misfit = objective.misfit(amplitude.mT @ values, frame)
+        gram = _weighted_gram(values, misfit.env_weight)
+        for view, weight in zip(views, misfit.probe_weights, strict=True):
+            gram += _weighted_gram(view, weight)
+        # the minimum lies where the slope at the amplitudes so far is undone
+        right = gram @ amplitude.double() - values.double() @ misfit.slope.mT.double()
+        amplitude = _non_negative(gram, right, amplitude.double()).to(amplitude)
+    return replace(lobes, amplitude=amplitude)
+
+
+def _weighted_gram(images: Tensor, weight: Tensor) -> Tensor:
+    """Return A W A^T in float64: lobes that coincide keep equal rows, whatever the order of sums.
+
+    Args:
+        images: A.  [N, P]
+        weight: The diagonal of W.  [P]
+    """
+    rooted = (images * weight.sqrt()).double()
+    return rooted @ rooted.mT
+
+
+def _non_negative(gram: Tensor, right: Tensor, near: Tensor) -> Tensor:
+    """Minimise a^T G a / 2 - a^T b over a >= 0 for each channel, near to where a was.
+
+    Lobes that coincide share a change evenly: the ridge, which pulls towards `near`, is as large
+    as the rounding of images in float32, and grows where that is not enough.
+
+    Args:
+        gram: G.  [N, N]
+        right: b.  [N, 3]
+        near: The amplitudes so far.  [N, 3]
+    """
+    scale = torch.diagonal(gram).clamp(min=1e-300).rsqrt()  # to unit diagonal
+    scaled = gram * scale[:, None] * scale[None, :]
+    ridge, failed, factor = RIDGE, 1, scaled
+    while failed:
+        damped = scaled + ridge * torch.eye(len(scale)).to(scaled)
+        factor, info = torch.linalg.cholesky_ex(damped)
+        failed, ridge = int(info), 10 * ridge
+    pulled = right * scale[:, None] + ridge / 10 * near / scale[:, None]
+    target = torch.linalg.solve_triangular(factor, pulled, upper=False)
+    matrix, columns = factor.mT.cpu().numpy(), target.cpu().numpy()
+    solved = [scipy.optimize.nnls(matrix, columns[:, channel])[0] for channel in range(3)]
+    return torch.from_numpy(np.stack(solved, axis=-1)).to(gram) * scale[:, None]

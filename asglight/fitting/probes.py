@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What materials show of a map: the probes of the fit's loss.
+
+A probe filters a map with a kernel around directions that lie on rings of latitude. Kernel and grid
+are the same at every longitude, so the filter is a convolution along the rows: one small matrix
+from rows to rings for each frequency of longitude. Images are channels first, [..., P].
+
+The probes see the map on coarse grids, for what they show is smooth at that scale.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+from asglight.fitting.grid import coarsen, coarser
+from asglight.shading import kernels
+from asglight.sphere import latlong
+
+
+@dataclass(frozen=True)
+class Probe:
+    """One material that the fit must look right on.
+
+    Attributes:
+        kernel: `kernels.LAMBERT`, `kernels.EVEN` or a GGX roughness.
+        weight: w_k.
+        height: Rows of the grid it filters: its kernel is wider than three texels of it.
+        rings: Rings on which it looks, evenly over latitude; their spacing is below its width.
+    """
+
+    kernel: str | float
+    weight: float
+    height: int
+    rings: int
+
+
+PROBES = (
+    Probe(kernels.EVEN, 10.0, 32, 1),
+    Probe(kernels.LAMBERT, 4.0, 32, 8),
+    Probe(0.5, 2.0, 32, 16),
+    Probe(0.25, 1.0, 64, 24),
+)
+
+
+def probe(images: Tensor, height: int) -> tuple[Tensor, ...]:
+    """Filter images with every probe.
+
+    Args:
+        images: On a grid of `height` rows.  [..., P]
+        height: Rows of that grid.
+
+    Returns:
+        What each probe shows of each image, ring by ring.  One [..., D] a probe.
+    """
+    on_grid = {height: images}
+    views: dict[Probe, Tensor] = {}
+    for rows in sorted({probe_rows(p, height) for p in PROBES}, reverse=True):
+        finer = min(h for h in on_grid if h % rows == 0)
+        on_grid[rows] = coarsen(on_grid[finer], finer, rows)
+        sharing = tuple(p for p in PROBES if probe_rows(p, height) == rows)
+        views.update(zip(sharing, _views(on_grid[rows], sharing, rows), strict=True))
+    return tuple(views[p] for p in PROBES)
+
+
+def _views(images: Tensor, sharing: tuple[Probe, ...], rows: int) -> list[Tensor]:
+    """Filter images with the probes that see the same grid.  [..., P'] -> one [..., D] each."""
+    spectrum = torch.fft.rfft(images.unflatten(-1, (rows, 2 * rows)))
+    rings = _between_rows(_stacked_spectra(sharing, rows, str(images.device)), spectrum)
+    parts = torch.fft.irfft(rings, 2 * rows).split([p.rings for p in sharing], dim=-2)
+    strides = [_stride(p, rows) for p in sharing]
+    return [part[..., ::s].flatten(-2) for part, s in zip(parts, strides, strict=True)]
+
+
+@lru_cache(maxsize=32)
+def _stacked_spectra(sharing: tuple[Probe, ...], rows: int, device: str) -> Tensor:
+    return torch.cat([_spectra(p, rows, device) for p in sharing], dim=1)
+
+
+def pull(views: Tensor, source: Probe, rows: int) -> Tensor:
+    """Apply the transpose of a probe.
+
+    Args:
+        views: A number for each view.  [..., D]
+        source: The probe.
+        rows: Rows of the grid that it filters.
+
+    Returns:
+        On that grid.  [..., P']
+    """
+    stride = _stride(source, rows)
+    rings = views.new_zeros(*views.shape[:-1], source.rings, 2 * rows)
+    rings[..., ::stride] = views.unflatten(-1, (source.rings, -1))
+    weights = _spectra(source, rows, str(views.device))
+    spectrum = _between_rows(weights.mT, torch.fft.rfft(rings))
+    return torch.fft.irfft(spectrum, 2 * rows).flatten(-2)
+
+
+def _between_rows(weights: Tensor, spectrum: Tensor) -> Tensor:
+    """Multiply each frequency by its matrix.  [F, R, H], [..., H, F] complex -> [..., R, F]."""
+    parts = torch.view_as_real(spectrum.reshape(-1, *spectrum.shape[-2:])).permute(
+        2, 1, 0, 3
+    )  # [F, H, M, 2]
+    result = torch.bmm(weights, parts.flatten(2)).unflatten(2, (-1, 2))  # [F, R, M, 2]
+    back = torch.view_as_complex(result.permute(2, 1, 0, 3).contiguous())
+    return back.reshape(*spectrum.shape[:-2], *back.shape[-2:])
+
+
+def probe_rows(source: Probe, height: int) -> int:
+    """Return the rows of the grid that a probe sees of a map of `height` rows."""
+    return coarser(height, source.height)
+
+
+def shares(height: int, device: str) -> tuple[Tensor, ...]:
+    """Return each view's share of the sphere.  One [D] a probe."""
+    return tuple(_shares(p, probe_rows(p, height), device) for p in PROBES)
+
+
+def directions(source: Probe, rows: int) -> Tensor:
+    """Return the directions at which a probe looks.  [D, 3]."""
+    v = (torch.arange(source.rings, dtype=torch.float64) + 0.5) / source.rings
+    u = (torch.arange(0, 2 * rows, _stride(source, rows), dtype=torch.float64) + 0.5) / (2 * rows)
+    return latlong.direction_from_uv(u[None, :], v[:, None]).flatten(0, 1).float()
+
+
+def _stride(source: Probe, rows: int) -> int:
+    """Return the texels from view to view along a ring: as far apart as the rings, at most."""
+    return max(s for s in range(1, max(1, rows // source.rings) + 1) if 2 * rows % s == 0)
+
+
+@lru_cache(maxsize=32)
+def _shares(source: Probe, rows: int, device: str) -> Tensor:
+    columns = 2 * rows // _stride(source, rows)
+    areas = latlong.texel_solid_angles(source.rings, columns, dtype=torch.float64)
+    return (areas / (4 * math.pi)).reshape(-1).to(device, torch.float32)
+
+
+@lru_cache(maxsize=32)
+def _spectra(source: Probe, rows: int, device: str) -> Tensor:
+    """Return the filter from rows to rings for each frequency of longitude.  [F, R, H]."""
+    texels = latlong.directions(rows, 2 * rows, dtype=torch.float64).reshape(-1, 3)
+    v = (torch.arange(source.rings, dtype=torch.float64) + 0.5) / source.rings
+    u = torch.tensor(0.5 / (2 * rows), dtype=torch.float64)  # on the first column of texels
+    cosine = latlong.direction_from_uv(u, v) @ texels.mT
+    weight = kernels.kernel_values(source.kernel, cosine).double()
+    weight = weight * latlong.texel_solid_angles(rows, 2 * rows, dtype=torch.float64).reshape(-1)
+    weight = (weight / weight.sum(-1, keepdim=True)).reshape(source.rings, rows, 2 * rows)
+    # even in the difference of longitude, so the frequencies are real
+    return torch.fft.rfft(weight).real.permute(2, 0, 1).contiguous().to(device, torch.float32)

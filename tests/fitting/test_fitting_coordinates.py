@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Moves in local coordinates: what each one does to a lobe, and the bounds of a step."""
+
+import math
+
+import pytest
+import torch
+from lobe_cases import DOUBLE, random_lobes
+
+from asglight.fitting import coordinates
+from asglight.fitting.coordinates import BROAD, UNKNOWNS, advance
+from asglight.lobes import Form, Lobes, asg, texels
+
+
+def _step(count: int, **moves: float) -> torch.Tensor:
+    """Return the same step for every lobe; keywords name the unknowns.  [count, 8]."""
+    names = ["tilt_x", "tilt_y", "width_x", "width_y", "turn", "red", "green", "blue"]
+    return torch.tensor([moves.get(name, 0.0) for name in names], dtype=DOUBLE).repeat(count, 1)
+
+
+def _shifted_matrix(lobes: Lobes) -> torch.Tensor:
+    """Return the matrix that s + 1/2 stand for, in world directions.  [N, 3, 3]."""
+    sides = lobes.axes[:, :2]
+    return sides.mT @ torch.diag_embed(lobes.sharpness + BROAD) @ sides
+
+
+@pytest.mark.parametrize("form", list(Form))
+def test_no_step_moves_nothing(form: Form) -> None:
+    lobes = random_lobes(form)
+    moved = advance(lobes, _step(5))
+    for name in ("axes", "sharpness", "amplitude"):
+        torch.testing.assert_close(getattr(moved, name), getattr(lobes, name))
+    assert moved.form is form
+
+
+def test_tilt_turns_the_axis_towards_the_sides() -> None:
+    lobes = random_lobes(Form.ASG)
+    moved = advance(lobes, _step(5, tilt_x=0.01, tilt_y=-0.02))
+    expected = lobes.axis_z + 0.01 * lobes.axis_x - 0.02 * lobes.axis_y
+    expected = expected / expected.norm(dim=-1, keepdim=True)
+    torch.testing.assert_close(moved.axis_z, expected)
+    torch.testing.assert_close(moved.sharpness, lobes.sharpness)
+
+
+@pytest.mark.parametrize("form", list(Form))
+def test_step_keeps_frames_orthonormal_and_right_handed(form: Form) -> None:
+    generator = torch.Generator().manual_seed(4)
+    step = 0.3 * torch.randn(5, UNKNOWNS, generator=generator, dtype=DOUBLE)
+    moved = advance(random_lobes(form), step)
+    identity = torch.eye(3, dtype=DOUBLE).expand(5, 3, 3)
+    torch.testing.assert_close(moved.axes @ moved.axes.mT, identity)
+    torch.testing.assert_close(torch.linalg.det(moved.axes), torch.ones(5, dtype=DOUBLE))
+
+
+def test_widths_grow_by_factors_of_the_shifted_sharpness() -> None:
+    for form in (Form.ASG, Form.BINGHAM):
+        lobes = random_lobes(form)
+        moved = advance(lobes, _step(5, width_x=0.3, width_y=-0.2))
+        factors = torch.tensor([math.exp(0.3), math.exp(-0.2)], dtype=DOUBLE)
+        expected = ((lobes.sharpness + BROAD) * factors - BROAD).clamp(min=asg.SHARPNESS_MIN)
+        torch.testing.assert_close(moved.sharpness, expected)
+    round_ = random_lobes(Form.SG)
+    moved = advance(round_, _step(5, width_x=0.3, width_y=-0.2, turn=0.4))
+    expected = (round_.sharpness + BROAD) * math.exp(0.3) - BROAD
+    torch.testing.assert_close(moved.sharpness, expected)  # both, by the first width alone
+    torch.testing.assert_close(moved.axes, round_.axes)
+
+
+def test_long_lobes_turn_and_round_ones_shear() -> None:
+    lobes = random_lobes(Form.ASG, count=20)
+    round_ = coordinates.is_round(lobes)
+    assert 0 < int(round_.sum()) < 20
+    moved = advance(lobes, _step(20, turn=0.2))
+    torch.testing.assert_close(moved.axis_z, lobes.axis_z)
+    along = (moved.axis_x * lobes.axis_x).sum(-1)
+    torch.testing.assert_close(along[~round_], torch.full_like(along[~round_], math.cos(0.2)))
+    torch.testing.assert_close(moved.sharpness[~round_], lobes.sharpness[~round_])
+    # the shear's determinant is 1
+    for before, after in zip(lobes.sharpness[round_], moved.sharpness[round_], strict=True):
+        torch.testing.assert_close((after + BROAD).prod(), (before + BROAD).prod())
+
+
+def test_shear_is_the_matrix_that_the_coordinates_say() -> None:
+    lobes = random_lobes(Form.BINGHAM, count=20)
+    lobes = lobes.select(coordinates.is_round(lobes))
+    moved = advance(lobes, _step(lobes.count, width_x=0.1, width_y=-0.3, turn=0.25))
+    root = torch.diag_embed((lobes.sharpness + BROAD).sqrt())
+    change = torch.tensor([[0.1, 0.25], [0.25, -0.3]], dtype=DOUBLE)
+    inside = root @ torch.linalg.matrix_exp(change) @ root
+    expected = lobes.axes[:, :2].mT @ inside @ lobes.axes[:, :2]
+    torch.testing.assert_close(_shifted_matrix(moved), expected)
+    assert float((moved.axis_x * lobes.axis_x).sum(-1).min()) >= 0.5**0.5  # x stays nearest to x
+
+
+def test_at_the_limit_of_round_both_coordinates_move_the_lobe_equally_fast() -> None:
+    ratio = coordinates.ROUND_RATIO
+    assert ratio - 1 == pytest.approx(ratio**0.5, rel=0.01)  # |sx - sy|, sqrt(sx sy), for sy = 1
+    shifted = torch.tensor([[ratio * 0.99, 1.0], [1.0, ratio * 1.01]], dtype=DOUBLE)
+    lobes = random_lobes(Form.ASG, count=2)
+    lobes = Lobes(lobes.axes, 10 * shifted - BROAD, lobes.amplitude, lobes.form)
+    assert coordinates.is_round(lobes).tolist() == [True, False]
+
+
+def test_light_is_linear_and_never_negative() -> None:
+    lobes = random_lobes(Form.ASG)
+    moved = advance(lobes, _step(5, red=0.5, green=-0.1, blue=-9.0))
+    change = torch.tensor([0.5, -0.1, 0.0], dtype=DOUBLE)
+    expected = lobes.amplitude + change
+    expected[:, 2] = 0
+    torch.testing.assert_close(moved.amplitude, expected)
+
+
+@pytest.mark.parametrize("form", list(Form))
+def test_steps_respect_the_bounds(form: Form) -> None:
+    lobes = random_lobes(form)
+    moved = advance(lobes, torch.full((5, UNKNOWNS), -50.0, dtype=DOUBLE))
+    assert float(moved.amplitude.min()) == 0.0
+    assert float(moved.sharpness.min()) >= asg.SHARPNESS_MIN
+    # a width's factor is e at most; a shear of all ones is one of e^2 in its own direction
+    smallest = (lobes.sharpness + BROAD).amin(-1) * math.exp(-2) - BROAD
+    assert bool((moved.sharpness.amin(-1) >= smallest - 1e-9).all())
+    identity = moved.axes @ moved.axes.mT
+    torch.testing.assert_close(identity, torch.eye(3, dtype=DOUBLE).expand_as(identity))
+    sharp = advance(lobes, torch.full((5, UNKNOWNS), 50.0, dtype=DOUBLE), width_min=0.05)
+    assert float(texels.lobe_width(sharp).min()) >= 0.05 * (1 - 1e-6)
+
+
+@pytest.mark.parametrize("form", list(Form))
+def test_a_step_tilts_a_lobe_by_its_own_width_at_most(form: Form) -> None:
+    lobes = random_lobes(form, count=20)
+    narrow = (lobes.sharpness.amin(-1) > 10)[:, None]
+    width = ((1.0 if form is Form.SG else 2.0) * lobes.sharpness).rsqrt()
+    bound = (coordinates.TILT_MAX_WIDTHS * width).clamp(max=coordinates.TILT_MAX)
+    for sign in (-1.0, 1.0):
+        moved = advance(lobes, _step(20, tilt_x=sign * 9.0, tilt_y=sign * 9.0))
+        # in the tangent plane; the axis itself turns by less
+        across = torch.stack([lobes.axis_x, lobes.axis_y], dim=1) @ moved.axis_z[:, :, None]
+        tilt = across[..., 0] / (moved.axis_z * lobes.axis_z).sum(-1, keepdim=True)
+        torch.testing.assert_close(tilt, sign * bound)
+    assert bool((bound[narrow[:, 0]] < coordinates.TILT_MAX).all())
+    assert bool(narrow.any())
+
+
+def test_small_steps_pass_unbounded() -> None:
+    lobes = random_lobes(Form.ASG)
+    narrowest = float((2 * lobes.sharpness.amax()).rsqrt())
+    moved = advance(lobes, _step(5, tilt_x=0.9 * narrowest))
+    along = (moved.axis_z * lobes.axis_x).sum(-1)
+    expected = math.sin(math.atan(0.9 * narrowest))
+    torch.testing.assert_close(along, torch.full_like(along, expected))
+
+
+def test_sharpness_stays_between_its_limits() -> None:
+    lobes = random_lobes(Form.ASG, count=2)
+    edge = torch.tensor([[asg.SHARPNESS_MIN] * 2, [asg.SHARPNESS_MAX] * 2], dtype=DOUBLE)
+    lobes = Lobes(lobes.axes, edge, lobes.amplitude, lobes.form)
+    for move in (-0.5, 0.5):
+        found = advance(lobes, _step(2, width_x=move, width_y=move)).sharpness
+        assert float(found.min()) >= asg.SHARPNESS_MIN
+        assert float(found.max()) <= asg.SHARPNESS_MAX

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Probes against the sum over every texel that they stand for, and against their transpose."""
+
+import pytest
+import torch
+
+from asglight.fitting import probes
+from asglight.fitting.grid import grid
+from asglight.fitting.probes import PROBES
+from asglight.shading import kernels
+from asglight.sphere import latlong
+
+HEIGHTS = [16, 50, 64, 96, 128]
+
+
+def _map(height: int) -> torch.Tensor:
+    """Return radiances with a few bright texels.  [3, P]."""
+    generator = torch.Generator().manual_seed(height)
+    return torch.rand(3, 2 * height * height, generator=generator) ** 4
+
+
+@pytest.mark.parametrize("height", HEIGHTS)
+def test_probe_is_the_kernel_filter_of_the_coarsened_map(height: int) -> None:
+    radiance = _map(height)
+    texels = radiance.mT.reshape(height, 2 * height, 3).double()
+    for source, view in zip(PROBES, probes.probe(radiance, height), strict=True):
+        rows = probes.probe_rows(source, height)
+        coarse = latlong.reduce(texels, rows, 2 * rows)
+        directions = probes.directions(source, rows).double()
+        expected = kernels.filtered(coarse[None], source.kernel, directions, normalised=True)[0]
+        # weights, transforms and directions in float32; the narrowest kernel's slope is 40
+        torch.testing.assert_close(view.mT.double(), expected, rtol=1e-5, atol=1e-6)
+
+
+def test_probes_look_from_rings_evenly_over_latitude() -> None:
+    for source in PROBES:
+        directions = probes.directions(source, source.height)
+        latitude = torch.rad2deg(torch.asin(directions[:, 1])).reshape(source.rings, -1)
+        middle = 90 - 180 * (torch.arange(source.rings) + 0.5) / source.rings
+        # asin of a rounded number near 1, the ring nearest to a pole
+        torch.testing.assert_close(latitude, middle[:, None].expand_as(latitude), rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("height", [10, 12])
+def test_pull_is_the_transpose_of_a_probe(height: int) -> None:
+    texels = 2 * height * height
+    for source, views in zip(PROBES, probes.probe(torch.eye(texels), height), strict=True):
+        assert probes.probe_rows(source, height) == height
+        pulled = probes.pull(torch.eye(views.shape[-1]), source, height)
+        # transforms in float32 of weights below 1
+        torch.testing.assert_close(pulled, views.mT, rtol=0, atol=2e-7)
+
+
+def test_pull_is_the_transpose_on_the_grids_that_the_probes_use() -> None:
+    generator = torch.Generator().manual_seed(1)
+    for index, source in enumerate(PROBES):
+        image = _map(source.height)
+        views = probes.probe(image, source.height)[index]
+        weights = torch.rand(views.shape, generator=generator)
+        pulled = probes.pull(weights, source, source.height)
+        # sums of some thousand positive products in float32
+        assert float((views * weights).sum()) == pytest.approx(
+            float((image * pulled).sum()), rel=1e-5
+        )
+
+
+@pytest.mark.parametrize("height", HEIGHTS)
+def test_shares_of_the_views_sum_to_one(height: int) -> None:
+    views = probes.probe(_map(height), height)
+    for source, share, view in zip(PROBES, probes.shares(height, "cpu"), views, strict=True):
+        assert float(share.double().sum()) == pytest.approx(1.0, rel=1e-6)  # rounded to float32
+        assert share.shape == view.shape[-1:]
+        directions = probes.directions(source, probes.probe_rows(source, height))
+        assert len(directions) == len(share)
+        # a view stands for the area around it: larger at the equator by the cosine of latitude
+        across = (1 - directions[:, 1].square()).sqrt()
+        torch.testing.assert_close(share / share.max(), across / across.max(), atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("height", HEIGHTS)
+def test_every_probe_shows_an_even_map_as_it_is(height: int) -> None:
+    for view in probes.probe(torch.full((3, 2 * height * height), 2.5), height):
+        # kernels are normalised on their own grid, in float32
+        torch.testing.assert_close(view, torch.full_like(view, 2.5), rtol=3e-6, atol=0)
+
+
+def test_the_even_probe_shows_the_mean_radiance() -> None:
+    (index,) = (i for i, source in enumerate(PROBES) if source.kernel == kernels.EVEN)
+    image = _map(100)
+    view = probes.probe(image, 100)[index]
+    mean = (image * grid(100).share).sum(-1, keepdim=True)
+    torch.testing.assert_close(view, mean.expand_as(view), rtol=1e-5, atol=0)
+
+
+def test_images_of_a_batch_are_probed_one_by_one() -> None:
+    batch = torch.stack([_map(32), _map(32).flip(-1), torch.ones(3, 2048)])
+    for index, image in enumerate(batch):
+        alone = probes.probe(image, 32)
+        for views, expected in zip(probes.probe(batch, 32), alone, strict=True):
+            torch.testing.assert_close(views[index], expected)
