@@ -3,8 +3,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+MAPS ?= ../shared/hdri
+SEQUENCES ?= ../shared/sequences
 
-.PHONY: help setup demo test test-fast lint format clean
+.PHONY: help setup demo bench-fit test test-fast lint format clean
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -20,6 +22,9 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 
 demo: setup      ## the main job on the built-in sequence, ending in pictures (demo-output/)
 	$(BIN)/asglight demo -o demo-output
+
+bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
+	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
 
 test: setup      ## all tests
 	$(BIN)/python -m pytest
@@ -37,4 +42,4 @@ format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) demo-output test-artifacts dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo-output bench-fit test-artifacts dist .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,396 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The three measurements of `fit.py`: accuracy on maps, error against time, following a sequence.
+
+No time includes decoding, recording or judging. Results are plain dictionaries, as fit.json holds
+them. Seconds are wall seconds, and CPU seconds of the whole process, all threads together.
+"""
+
+import contextlib
+import itertools
+import math
+import statistics
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+import torch
+from scipy.optimize import linear_sum_assignment
+from torch import Tensor
+
+from asglight.cli.progress import Reporter
+from asglight.errors import InputError
+from asglight.fitting import first_frame, paper
+from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
+from asglight.fitting.sequence import fit_frame
+from asglight.images import read_latlong
+from asglight.images import sequence as image_sequence
+from asglight.images.message import shown
+from asglight.judging.metrics import METRIC_NAMES, frame_errors, sequence_errors
+from asglight.lobes import Form, Lobes, asg
+from asglight.peers import vmf_em
+
+STILL_PRESETS = [preset for preset in Preset if preset.value in ("fast", "best")]
+FOLLOWING_PRESETS = [preset for preset in Preset if preset.value in ("fast", "live")]
+
+RATIOS_MAX = {
+    "fast": {"env": 0.95, "irr": 0.5, "irrMax": 0.5, "r0.5": 0.6, "r0.25": 0.85},
+    "best": {"env": 0.85, "irr": 0.33, "irrMax": 0.33, "r0.5": 0.4, "r0.25": 0.7},
+}
+"""Targets: error over that of EM, on every map."""
+
+MEDIANS_MAX = {"env": 0.8, "irr": 0.15, "r0.5": 0.4, "r0.25": 0.7}
+"""Targets: the median of those ratios."""
+
+FLUX_MAX, IRR_ENOUGH = 0.002, 0.001
+"""Targets: the error of the flux; the irr that is enough whatever EM reaches: nobody sees it."""
+
+ERROR_MIN = 1e-9
+"""Least error that a ratio divides by: rounding of float32 sums lies above it."""
+
+RACED = ("loss", "irr", "r0.25")
+"""What a preset has to bring down to where the paper ends."""
+
+CURVE_POINTS = 60
+"""Points of the paper's curve, even in the logarithm of the step."""
+
+AVERAGED = ("env", "irr", "r0.5", "r0.25")
+AVERAGED_EVERY = 4
+"""Frames from one that counts in a mean to the next: neighbours are alike."""
+
+JUMP_DEG, JUMP_SHARE = 10.0, 0.01
+"""A lobe jumps that turns by more from one frame to the next, with more of the flux in either."""
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+_Point = dict[str, float]
+
+
+class Clock:
+    """Wall and CPU seconds since it was made, less the pauses."""
+
+    def __init__(self) -> None:
+        """Start."""
+        self._start = self._now()
+
+    def seconds(self) -> _Point:
+        """Return the seconds by name."""
+        wall, cpu = (self._now() - self._start).tolist()
+        return {"wall_seconds": wall, "cpu_seconds": cpu}
+
+    @contextlib.contextmanager
+    def paused(self) -> Iterator[_Point]:
+        """Stand still at the seconds that are handed out."""
+        stopped = self._now()
+        yield self.seconds()
+        self._start += self._now() - stopped
+
+    @staticmethod
+    def _now() -> np.ndarray:
+        return np.array([time.perf_counter(), time.process_time()])
+
+
+def timed(call: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> tuple[_T, _Point]:
+    """Return what a call returns, and its seconds."""
+    clock = Clock()
+    result = call(*args, **kwargs)
+    return result, clock.seconds()
+
+
+def read_map(path: Path) -> Tensor:
+    """Read a map at the size that is fitted.  [H, W, 3].
+
+    Raises:
+        InputError: It cannot be read, or is black.
+    """
+    radiance = read_latlong(path, height=FIT_HEIGHT).radiance
+    if float(radiance.max()) <= 0:
+        raise InputError(f"{shown(path)}: is black; expected a map with some light in it.")
+    return radiance
+
+
+def accuracy(paths: Sequence[Path], lobes: int, report: Reporter) -> dict[str, Any]:
+    """Fit every map with EM and the presets; return errors, seconds, and the ratios to EM."""
+    for preset in STILL_PRESETS:  # unmeasured: a first fit also prepares its grids
+        fit_frame(read_map(paths[0]), FitOptions(lobes, preset), None)
+    maps: dict[str, dict[str, _Point]] = {}
+    for path in report.follow(paths, "accuracy: maps", len(paths)):
+        reference = read_map(path)
+        peer, seconds = timed(vmf_em.fit, reference, lobes)
+        maps[path.stem] = {"em": frame_errors(peer, reference).values | seconds}
+        for preset in STILL_PRESETS:
+            fit, seconds = timed(fit_frame, reference, FitOptions(lobes, preset), None)
+            maps[path.stem][preset.value] = frame_errors(fit.lobes, reference).values | seconds
+    return {"maps": maps, "presets": {name.value: compare(maps, name) for name in STILL_PRESETS}}
+
+
+def compare(maps: dict[str, dict[str, _Point]], preset: str) -> dict[str, Any]:
+    """Return a preset's ratios to EM, their median and worst, its targets and what misses them.
+
+    Args:
+        maps: Errors by map and method.
+        preset: One of the methods.
+    """
+    limits = RATIOS_MAX[preset]
+    ratios = {
+        name: {key: errors[preset][key] / max(errors["em"][key], ERROR_MIN) for key in limits}
+        for name, errors in maps.items()
+    }
+    columns = {key: [row[key] for row in ratios.values()] for key in limits}
+    median = {key: statistics.median(column) for key, column in columns.items()}
+    return {
+        "ratios": ratios,
+        "median": median,
+        "worst": {key: max(column) for key, column in columns.items()},
+        "targets": {"every": limits | {"flux": FLUX_MAX}, "median": MEDIANS_MAX},
+        "missed": {name: missed(ratios[name], maps[name][preset], limits) for name in maps},
+        "missed_median": [key for key, limit in MEDIANS_MAX.items() if median[key] > limit],
+    }
+
+
+def missed(ratios: _Point, errors: _Point, limits: _Point) -> list[str]:
+    """Return the metrics of a map that miss their target."""
+    enough = ("irr", "irrMax") if errors["irr"] <= IRR_ENOUGH else ()
+    names = [name for name, limit in limits.items() if ratios[name] > limit and name not in enough]
+    return names + ["flux"] * (errors["flux"] > FLUX_MAX)
+
+
+def curves(path: Path, lobes: int, paper_steps: int, report: Reporter) -> dict[str, Any]:
+    """Return error against time on a map, and when each preset comes down to the paper's errors."""
+    reference = read_map(path)
+    frame = paper.target(reference)
+    found: dict[str, list[_Point]] = {}
+    for preset in STILL_PRESETS:
+        stages = preset_curve(reference, preset, lobes)
+        label = f"curves: {path.stem}, judging {preset}"
+        found[preset.value] = [
+            seconds | _judged(stage, reference, frame)
+            for seconds, stage in report.follow(stages, label, len(stages))
+        ]
+    label = f"curves: {path.stem}, the paper's steps"
+    ticks = iter(report.follow(range(paper_steps), label, paper_steps))
+    points, last = paper_curve(reference, lobes, paper_steps, ticks)
+    points[-1] |= _judged(last, reference, frame)
+    return {
+        "paper_steps": paper_steps,
+        "points": {"paper": points} | found,
+        "races": {name: races(points, curve) for name, curve in found.items()},
+    }
+
+
+def paper_curve(
+    reference: Tensor, lobes: int, steps: int, ticks: Iterator[int]
+) -> tuple[list[_Point], Lobes]:
+    """Run the paper's recipe; return its loss against time (at the end, time alone), and its lobes.
+
+    Args:
+        reference: Repaired radiance.  [H, W, 3]
+        lobes: N.
+        steps: Adam steps.
+        ticks: Advanced with every step.
+    """
+    recorded = set(np.geomspace(1, steps, CURVE_POINTS).round().astype(int).tolist()) - {steps}
+    points: list[_Point] = []
+    unmeasured = paper.start(reference, lobes, Form.ASG, seed=0)
+    paper.fit_frame(reference, unmeasured, steps=1)  # torch loads parts of itself at the first step
+    clock = Clock()
+
+    def on_step(step: int, loss: float) -> None:
+        with clock.paused() as seconds:
+            next(ticks, None)
+            if step in recorded:
+                points.append({"step": step, "loss": loss} | seconds)
+
+    start = paper.start(reference, lobes, Form.ASG, seed=0)
+    last = paper.fit_frame(reference, start, steps=steps, on_step=on_step)
+    return [*points, {"step": steps} | clock.seconds()], last
+
+
+def preset_curve(reference: Tensor, preset: Preset, lobes: int) -> list[tuple[_Point, Lobes]]:
+    """Return seconds and lobes of a preset after each of its steps, and at its end.
+
+    Of presets other than `fast` only the end is known.
+    """
+    stages: list[tuple[_Point, Lobes]] = []
+    exposure = first_frame.mean_radiance(reference)
+    clock = Clock()
+
+    def on_step(current: Lobes) -> None:
+        with clock.paused() as seconds:
+            stages.append((seconds, replace(current, amplitude=current.amplitude * exposure)))
+
+    if preset is Preset.FAST:
+        with _one_thread():
+            fit = first_frame.fit_first_frame(reference, lobes, Form.ASG, on_step=on_step)
+    else:
+        fit = fit_frame(reference, FitOptions(lobes, preset), None)
+    return [*stages, (clock.seconds(), fit.lobes)]
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Compute on one thread, as `fit_frame` has the presets do."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def _judged(lobes: Lobes, reference: Tensor, frame: paper.Target) -> _Point:
+    return {"loss": float(paper.frame_loss(lobes, frame))} | frame_errors(lobes, reference).values
+
+
+def races(points: Sequence[_Point], curve: Sequence[_Point]) -> dict[str, dict[str, float | None]]:
+    """Return seconds of the paper and of a preset to the same error, and how many times faster.
+
+    Down to the paper's last loss, irr and r0.25, for which the paper needs its whole run; to its
+    last loss and 1 %, where it stands much earlier; and, as `back`, to the preset's own last loss.
+    """
+    result: dict[str, dict[str, float | None]] = {}
+    for name in RACED:
+        level, slow = points[-1][name], points[-1]["wall_seconds"]
+        result[name] = _race(level, slow, time_to_reach(curve, name, level))
+    near, last = 1.01 * points[-1]["loss"], curve[-1]["loss"]
+    result["near"] = _race(
+        near, time_to_reach(points, "loss", near), time_to_reach(curve, "loss", near)
+    )
+    result["back"] = _race(last, time_to_reach(points, "loss", last), curve[-1]["wall_seconds"])
+    return result
+
+
+def _race(level: float, slow: float | None, quick: float | None) -> dict[str, float | None]:
+    ratio = slow / quick if slow is not None and quick is not None else None
+    return {"level": level, "paper_seconds": slow, "seconds": quick, "times_faster": ratio}
+
+
+def time_to_reach(curve: Sequence[_Point], name: str, level: float) -> float | None:
+    """Return the wall seconds at which an error first comes down to a level; None for never.
+
+    The error is taken as linear between two points.
+    """
+    seconds = [point["wall_seconds"] for point in curve]
+    errors = [point[name] for point in curve]
+    for index, error in enumerate(errors):
+        if error > level:
+            continue
+        if index == 0:
+            return seconds[0]
+        part = (errors[index - 1] - level) / (errors[index - 1] - error)
+        return seconds[index - 1] + part * (seconds[index] - seconds[index - 1])
+    return None
+
+
+def following(
+    sequence: image_sequence.Sequence,
+    count: int | None,
+    independent: int | None,
+    lobes: int,
+    report: Reporter,
+) -> dict[str, Any]:
+    """Follow a sequence with each preset, and fit its frames independently.
+
+    Args:
+        sequence: Frames.
+        count: The first so many are used; None for all.
+        independent: The first so many of those are also fitted from nothing; None for all.
+        lobes: N.
+        report: Shows progress.
+    """
+    frames = sequence.frames[:count]
+    clock = Clock()
+    references = [sequence.read(frame).radiance for frame in frames]
+    reading = clock.seconds()["wall_seconds"]
+    shape = references[0].shape
+    methods: dict[str, dict[str, Any]] = {}
+    for preset in FOLLOWING_PRESETS:
+        options = FitOptions(lobes, preset)
+        follow(references[:2], options)  # unmeasured: prepares the grids
+        label = f"following: {sequence.name}, {preset}"
+        fitted = follow(report.follow(references, label, len(frames)), options)
+        methods[preset.value] = _account(references, *fitted)
+    alone = references[:independent]
+    label = f"following: {sequence.name}, independent"
+    found, seconds = follow(report.follow(alone, label, len(alone)), FitOptions(lobes), fresh=True)
+    methods["independent"] = _account(alone, matched(found), seconds)
+    return {
+        "frames": list(frames),
+        "rows": shape[0],
+        "columns": shape[1],
+        "reading_seconds_per_frame": reading / len(frames),
+        "methods": methods,
+    }
+
+
+def follow(
+    references: Iterable[Tensor], options: FitOptions, *, fresh: bool = False
+) -> tuple[list[Lobes], list[_Point]]:
+    """Fit frames one after the other; return their lobes and seconds.
+
+    Args:
+        references: Repaired radiance of each frame.  [H, W, 3]
+        options: Settings.
+        fresh: Start every frame from nothing.
+    """
+    found: list[Lobes] = []
+    seconds: list[_Point] = []
+    for reference in references:
+        known = [] if fresh else found
+        previous = known[-1] if known else None
+        earlier = known[-2] if len(known) > 1 else None
+        fit, spent = timed(fit_frame, reference, options, previous, earlier)
+        found.append(fit.lobes)
+        seconds.append(spent)
+    return found, seconds
+
+
+def _account(
+    references: Sequence[Tensor], found: Sequence[Lobes], seconds: Sequence[_Point]
+) -> dict[str, Any]:
+    """Return errors, flicker, jumps and seconds of fitted frames."""
+    pairs = zip(found, references, strict=True)
+    errors = sequence_errors((k, frame_errors(*pair)) for k, pair in enumerate(pairs))
+    counted = list(errors.frames.values())[::AVERAGED_EVERY]
+    return {
+        "wall_seconds": [spent["wall_seconds"] for spent in seconds],
+        "cpu_seconds": [spent["cpu_seconds"] for spent in seconds],
+        "errors": {key: [row[key] for row in errors.frames.values()] for key in METRIC_NAMES},
+        "mean": {key: statistics.fmean(row[key] for row in counted) for key in AVERAGED},
+        "flicker": errors.mean.get("flicker", 0.0),
+        "jumps": jumps(found),
+    }
+
+
+def matched(found: Sequence[Lobes]) -> list[Lobes]:
+    """Reorder the lobes of each frame so that they turn least, the bright ones before all.
+
+    The order of lobes that were fitted independently means nothing: only the best match between
+    neighbouring frames can be called a motion.
+    """
+    result = list(found[:1])
+    for lobes in found[1:]:
+        before, share = _shares(result[-1]), _shares(lobes)
+        turned = torch.acos((result[-1].axis_z @ lobes.axis_z.mT).clamp(-1, 1))  # [N, N]
+        cost = turned * torch.maximum(before[:, None], share[None, :])
+        _, order = linear_sum_assignment(cost.numpy())
+        result.append(lobes.select(torch.from_numpy(order)))
+    return result
+
+
+def jumps(found: Sequence[Lobes]) -> int:
+    """Count how often a lobe turns by more than 10 degrees while it holds over 1 % of the flux."""
+    count = 0
+    for before, lobes in itertools.pairwise(found):
+        turned = (before.axis_z * lobes.axis_z).sum(-1) < math.cos(math.radians(JUMP_DEG))
+        lit = torch.maximum(_shares(before), _shares(lobes)) > JUMP_SHARE
+        count += int((turned & lit).sum())
+    return count
+
+
+def _shares(lobes: Lobes) -> Tensor:
+    """Return each lobe's share of the flux, RGB summed; zeros where all is dark.  [N]."""
+    flux = asg.flux(lobes).sum(-1)
+    return flux / flux.sum().clamp(min=torch.finfo(flux.dtype).tiny)
