@@ -22,18 +22,20 @@ from torch import Tensor
 
 from asglight.cli.progress import Reporter
 from asglight.errors import InputError
-from asglight.fitting import first_frame, paper
+from asglight.fitting import first_frame, paper, whole_shot
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
-from asglight.fitting.sequence import fit_frame
+from asglight.fitting.sequence import fit_frame, one_thread
+from asglight.fitting.temporal import waiting
 from asglight.images import read_latlong
 from asglight.images import sequence as image_sequence
 from asglight.images.message import shown
 from asglight.judging.metrics import METRIC_NAMES, frame_errors, sequence_errors
 from asglight.lobes import Form, Lobes, asg
+from asglight.lobes.data import stack
 from asglight.peers import vmf_em
 
-STILL_PRESETS = [preset for preset in Preset if preset.value in ("fast", "best")]
-FOLLOWING_PRESETS = [preset for preset in Preset if preset.value in ("fast", "live")]
+STILL_PRESETS = (Preset.FAST, Preset.BEST)
+FOLLOWING_PRESETS = (Preset.LIVE, Preset.FAST)
 
 RATIOS_MAX = {
     "fast": {"env": 0.95, "irr": 0.5, "irrMax": 0.5, "r0.5": 0.6, "r0.25": 0.85},
@@ -219,25 +221,14 @@ def preset_curve(reference: Tensor, preset: Preset, lobes: int) -> list[tuple[_P
 
     def on_step(current: Lobes) -> None:
         with clock.paused() as seconds:
-            stages.append((seconds, replace(current, amplitude=current.amplitude * exposure)))
+            stages.append((seconds, replace(current, amplitude=current.amplitude * exposure)[0]))
 
     if preset is Preset.FAST:
-        with _one_thread():
+        with one_thread():
             fit = first_frame.fit_first_frame(reference, lobes, Form.ASG, on_step=on_step)
     else:
         fit = fit_frame(reference, FitOptions(lobes, preset), None)
     return [*stages, (clock.seconds(), fit.lobes)]
-
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Compute on one thread, as `fit_frame` has the presets do."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _judged(lobes: Lobes, reference: Tensor, frame: paper.Target) -> _Point:
@@ -311,6 +302,8 @@ def following(
         follow(references[:2], options)  # unmeasured: prepares the grids
         label = f"following: {sequence.name}, {preset}"
         fitted = follow(report.follow(references, label, len(frames)), options)
+        if preset is Preset.FAST:
+            fitted = refined(references, *fitted)
         methods[preset.value] = _account(references, *fitted)
     alone = references[:independent]
     label = f"following: {sequence.name}, independent"
@@ -347,10 +340,26 @@ def follow(
     return found, seconds
 
 
+def refined(
+    references: Sequence[Tensor], found: Sequence[Lobes], seconds: Sequence[_Point]
+) -> tuple[list[Lobes], list[_Point]]:
+    """Refine a shot as `asglight fit` does; its seconds count evenly on every frame."""
+    clock = Clock()
+    shot, frames = stack(list(found)), [first_frame.exposed(radiance) for radiance in references]
+    chunks = [frames[at : at + whole_shot.CHUNK] for at in range(0, len(frames), whole_shot.CHUNK)]
+    with one_thread():
+        parts = [lobes for _, lobes, _ in whole_shot.refine_shot(shot, chunks)]
+    each = {name: spent / len(frames) for name, spent in clock.seconds().items()}
+    total = [{name: spent[name] + each[name] for name in spent} for spent in seconds]
+    return [part[index] for part in parts for index in range(len(part.axes))], total
+
+
 def _account(
     references: Sequence[Tensor], found: Sequence[Lobes], seconds: Sequence[_Point]
 ) -> dict[str, Any]:
-    """Return errors, flicker, jumps and seconds of fitted frames."""
+    """Return errors, flicker, jumps and seconds of fitted frames, dark lobes waiting as written."""
+    shot = waiting(stack(list(found)))
+    found = [shot[index] for index in range(len(found))]
     pairs = zip(found, references, strict=True)
     errors = sequence_errors((k, frame_errors(*pair)) for k, pair in enumerate(pairs))
     counted = list(errors.frames.values())[::AVERAGED_EVERY]

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 
 from asglight.cli.printing import duration, percent
-from asglight.shots.events import Event, FrameDone, Notice, Started, StepDone
+from asglight.shots.events import Event, FrameDone, Notice, Refined, Started, StepDone
 
 STEP_LINE_SECONDS = 30.0
 """Between two lines about one slow frame: often enough to see that it lives, few in a log."""
@@ -62,6 +62,8 @@ class Lines:
                 self._print(frame_line(event))
             case Notice(text=text):
                 self._print(f"asglight: {text}")
+            case Refined():
+                self._print(f"refined {event.done}/{event.frames}")
             case StepDone() if time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
                 self._print(f"frame {event.frame}  {step_numbers(event)}")
             case Started() | StepDone():
@@ -84,6 +86,7 @@ class Bar:
         """Draw on a running rich progress."""
         self._progress = progress
         self._fit: TaskID | None = None
+        self._refine: TaskID | None = None
 
     def __call__(self, event: Event) -> None:
         """Move the bar of the fit."""
@@ -96,6 +99,11 @@ class Bar:
             )
             return
         assert self._fit is not None, "an event before the start"
+        if isinstance(event, Refined):
+            if self._refine is None:
+                self._refine = self._progress.add_task("refining", total=event.frames, numbers="")
+            self._progress.update(self._refine, completed=event.done)
+            return
         if isinstance(event, StepDone):
             numbers = f"frame {event.frame}  {step_numbers(event)}"
             self._progress.update(self._fit, numbers=numbers)

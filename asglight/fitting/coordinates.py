@@ -38,7 +38,7 @@ move the lobe equally fast, |sx - sy| = sqrt((sx + 1/2) (sy + 1/2))."""
 
 
 def is_round(lobes: Lobes) -> Tensor:
-    """Tell which lobes shear instead of turning.  [N]."""
+    """Tell which lobes shear instead of turning.  [..., N]."""
     shifted = lobes.sharpness + BROAD
     return shifted.amax(-1) < ROUND_RATIO * shifted.amin(-1)
 
@@ -48,18 +48,18 @@ class Leash:
     """How far from where it was a lobe may be.
 
     Attributes:
-        axis_z: Where it was.  [N, 3]
-        cosine: Of the largest angle; -1 for a lobe that is free.  [N]
+        axis_z: Where it was.  [..., N, 3]
+        cosine: Of the largest angle; -1 for a lobe that is free.  [..., N]
     """
 
     axis_z: Tensor
     cosine: Tensor
 
     def hold(self, axis_z: Tensor) -> Tensor:
-        """Return unit directions pulled back to within the angle.  [N, 3]."""
+        """Return unit directions pulled back to within the angle.  [..., N, 3]."""
         along = (axis_z * self.axis_z).sum(-1, keepdim=True)
         across = torch.nn.functional.normalize(axis_z - along * self.axis_z, dim=-1)
-        cosine = self.cosine[:, None]
+        cosine = self.cosine[..., None]
         edge = cosine * self.axis_z + (1 - cosine.square()).clamp(min=0).sqrt() * across
         return torch.where(along < cosine, edge, axis_z)
 
@@ -70,18 +70,18 @@ def advance(
     """Move lobes by a step in local coordinates, within its trust bounds.
 
     Args:
-        lobes: The lobes.  [N, .]
-        step: Tilts, widths, turn, light.  [N, 8]
+        lobes: The lobes.  [..., N, .]
+        step: Tilts, widths, turn, light.  [..., N, 8]
         width_min: Sigma of the narrowest lobe allowed, radians.
         leash: Bounds on the directions.
     """
     step = step.to(lobes.axes.dtype)
-    tilt, shape, light = step[:, :2], step[:, 2:5], step[:, 5:]
+    tilt, shape, light = step[..., :2], step[..., 2:5], step[..., 5:]
     widths = (1.0 if lobes.form is Form.SG else 2.0) * lobes.sharpness
     bound = (TILT_MAX_WIDTHS * widths.clamp(min=1e-6).rsqrt()).clamp(max=TILT_MAX)
     tilt = torch.maximum(torch.minimum(tilt, bound), -bound)
     shape = shape * (SHAPE_MAX / shape.abs().amax(-1, keepdim=True).clamp(min=SHAPE_MAX))
-    axis_z = lobes.axis_z + tilt[:, :1] * lobes.axis_x + tilt[:, 1:] * lobes.axis_y
+    axis_z = lobes.axis_z + tilt[..., :1] * lobes.axis_x + tilt[..., 1:] * lobes.axis_y
     if leash is not None:
         axis_z = leash.hold(torch.nn.functional.normalize(axis_z, dim=-1))
     sharpness, axis_x = _reshape(lobes, shape)
@@ -95,31 +95,32 @@ def advance(
 
 def _reshape(lobes: Lobes, shape: Tensor) -> tuple[Tensor, Tensor]:
     """Apply width changes and the turn; return the new sharpnesses and axis_x."""
+    shifted = lobes.sharpness + BROAD
     if lobes.form is Form.SG:
-        return (lobes.sharpness + BROAD) * shape[:, :1].exp() - BROAD, lobes.axis_x
-    turn = shape[:, 2:]
-    turned = turn.cos() * lobes.axis_x + turn.sin() * lobes.axis_y
-    factors = shape[:, :2].exp()
-    sheared_sharpness, sheared = _shear(lobes, shape)
-    round_ = is_round(lobes)[:, None]
-    sharpness = (lobes.sharpness + BROAD) * factors
-    return torch.where(round_, sheared_sharpness, sharpness) - BROAD, torch.where(
-        round_, sheared, turned
-    )
+        return shifted * shape[..., :1].exp() - BROAD, lobes.axis_x
+    sheared, shear_angle = _shear(shifted, shape)
+    round_ = is_round(lobes)
+    angle = torch.where(round_, shear_angle, shape[..., 2])[..., None]
+    sharpness = torch.where(round_[..., None], sheared, shifted * shape[..., :2].exp())
+    return sharpness - BROAD, angle.cos() * lobes.axis_x + angle.sin() * lobes.axis_y
 
 
-def _shear(lobes: Lobes, shape: Tensor) -> tuple[Tensor, Tensor]:
-    """Apply widths and shear to s + 1/2 as a matrix; return its eigenvalues and axis_x."""
-    root = (lobes.sharpness + BROAD).sqrt()
-    change = torch.stack(
-        [torch.stack([shape[:, 0], shape[:, 2]], -1), torch.stack([shape[:, 2], shape[:, 1]], -1)],
-        dim=-2,
-    )
-    matrix = root[:, :, None] * torch.linalg.matrix_exp(change) * root[:, None, :]
-    values, vectors = torch.linalg.eigh(matrix.double())  # ascending
-    swap = vectors[:, 0, 0].abs() > vectors[:, 0, 1].abs()  # keep x where x was
-    first = torch.where(swap[:, None], vectors[:, :, 0], vectors[:, :, 1])
-    first = first * torch.where(first[:, :1] < 0, -1.0, 1.0)
-    values = torch.where(swap[:, None], values, values.flip(-1)).to(root.dtype)
-    first = first.to(root.dtype)
-    return values, first[:, :1] * lobes.axis_x + first[:, 1:] * lobes.axis_y
+def _shear(shifted: Tensor, shape: Tensor) -> tuple[Tensor, Tensor]:
+    """Apply widths and shear to s + 1/2 as a matrix D^1/2 exp(E) D^1/2.
+
+    With p the mean and d half the difference of E's diagonal, r beside it and q^2 = d^2 + r^2,
+    exp(E) = e^p (cosh q I + sinh q / q [[d, r], [r, -d]]).
+
+    Returns:
+        Its eigenvalues, x staying nearest to x [..., N, 2], and the angle of that x [..., N].
+    """
+    first, second, r = shape.unbind(-1)
+    p, d = (first + second) / 2, (first - second) / 2
+    q = (d * d + r * r).sqrt().clamp(min=1e-12)  # sinh q / q is 1 there
+    even, odd = p.exp() * q.cosh(), p.exp() * q.sinh() / q
+    sx, sy = shifted.unbind(-1)
+    a, c, b = sx * (even + odd * d), sy * (even - odd * d), (sx * sy).sqrt() * odd * r
+    half = (a - c) / 2
+    radius = (half * half + b * b).sqrt() * torch.where(half < 0, -1.0, 1.0)
+    values = torch.stack([(a + c) / 2 + radius, (a + c) / 2 - radius], dim=-1)
+    return values, 0.5 * torch.atan(b / torch.where(half == 0, torch.finfo(b.dtype).tiny, half))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A first frame: EM starts, then coarse to fine, then the light solved and the flux made exact."""
+"""A first frame: EM starts, then steps under narrowing corners, then the flux made exact."""
 
 import math
 from dataclasses import dataclass, replace
@@ -8,25 +8,24 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import light, newton, objective, seeding
+from asglight.fitting.grid import grid
 from asglight.fitting.objective import Corners
 from asglight.fitting.regroup import regroup
-from asglight.lobes import Form, Lobes, texels
+from asglight.lobes import Form, Lobes, asg
+from asglight.lobes.data import stack
 from asglight.lobes.frames import axes_around
-from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
 
 
 @dataclass(frozen=True)
 class Level:
-    """Some steps on one grid.
+    """Some steps under one pair of corners.
 
     Attributes:
-        rows: Rows of the grid; the map's own where it has fewer.
         steps: Steps, at most.
         corners: phi's corners: from wide ones, with few minima, to those that the metrics ask for.
     """
 
-    rows: int
     steps: int
     corners: Corners
 
@@ -38,38 +37,34 @@ class Effort:
     Attributes:
         spreads_deg: `seeding.split`'s spread of each start.
         coarse: Levels that each start gets; the one with the least J goes on.
-        trials: Splits and merges tried on the grid of the first fine level.
+        rounds: Rounds of splits and merges.
         fine: Levels that follow.
     """
 
     spreads_deg: tuple[float, ...]
     coarse: tuple[Level, ...]
-    trials: int
+    rounds: int
     fine: tuple[Level, ...]
 
 
-COARSE = (Level(64, 8, Corners(1.0, 0.05)), Level(64, 6, Corners(0.3, 0.02)))
-
-FAST = Effort(
-    (seeding.SPREAD_DEG,),
-    COARSE,
-    0,
-    (
-        Level(64, 8, Corners(0.1, 0.02)),
-        Level(128, 8, Corners(0.1, 0.01)),
-        Level(256, 8, Corners(0.1, 0.005)),
-    ),
+COARSE = (
+    Level(8, Corners(3.0, 0.2)),
+    Level(12, Corners(1.0, 0.05)),
+    Level(9, Corners(0.3, 0.02)),
+    Level(12, Corners(0.1, 0.02)),
 )
 
-BEST = Effort(
-    (2.0, 3.5, 5.0, 8.0, 15.0, 60.0),
-    (*COARSE, Level(128, 10, Corners(0.1, 0.01))),
-    16,
-    (
-        Level(128, 10, Corners(0.1, 0.01)),
-        Level(256, 40, Corners(0.05, 0.005)),
-    ),
+FINE = (
+    Level(12, Corners(0.1, 0.01)),
+    Level(25, Corners(0.1, 0.005)),
+    Level(15, Corners(0.1, 0.002)),
 )
+
+LIVE = Effort((seeding.SPREAD_DEG,), COARSE, 0, (Level(12, Corners(0.1, 0.005)),))
+
+FAST = Effort((seeding.SPREAD_DEG,), COARSE, 3, FINE)
+
+BEST = Effort((2.0, 3.5, 5.0, 8.0, 15.0, 60.0), COARSE, 60, (*FINE, Level(60, Corners(0.1, 0.001))))
 
 LIGHT = Corners(0.1, 0.002)
 """phi's corners of the last solution for the light alone: what it can mend of what balls show."""
@@ -94,6 +89,38 @@ class FrameFit:
     flux_error: float
 
 
+@dataclass(frozen=True)
+class Exposed:
+    """A map in units of its mean radiance.
+
+    Attributes:
+        radiance: Reference over `exposure`.  [1, 3, H * 2 H]
+        exposure: Mean radiance over the sphere and RGB; 0 for a black map.
+        flux: RGB flux of `radiance`, in steradians.  [3]
+        height: H.
+    """
+
+    radiance: Tensor
+    exposure: float
+    flux: Tensor
+    height: int
+
+
+def exposed(reference: Tensor) -> Exposed:
+    """Bring a map to a mean of 1.
+
+    Args:
+        reference: Repaired radiance.  [H, 2 H, 3]
+    """
+    height = reference.shape[0]
+    share = grid(height, str(reference.device)).share.double()
+    mean = share @ reference.flatten(0, 1).double()
+    exposure = float(mean.mean())
+    unit = exposure if exposure > 0 else 1.0
+    radiance = (reference / unit).permute(2, 0, 1).reshape(1, 3, -1).contiguous()
+    return Exposed(radiance, exposure, 4 * math.pi * mean / unit, height)
+
+
 def fit_first_frame(
     reference: Tensor,
     count: int,
@@ -108,61 +135,43 @@ def fit_first_frame(
         count: N.
         form: Lobe function.
         effort: How much is spent.
-        on_step: Called with the lobes after each step, in units of the map's mean radiance.
+        on_step: Called with the lobes [F, N, .] after each step, in units of the map's mean
+            radiance; F starts at first, then one.
     """
-    exposure = mean_radiance(reference)
-    if exposure <= 0:
+    frame = exposed(reference)
+    if frame.exposure <= 0:
         return FrameFit(dark_lobes(count, form, reference), 0.0, 0.0)
-    scaled, height = reference / exposure, reference.shape[0]
-    cells = seeding.cells(scaled)
-    coarse, fine = levels_for(effort.coarse, height, last=False), levels_for(effort.fine, height)
-    started: list[newton.Outcome] = []
-    for spread_deg in effort.spreads_deg:
-        seeds = seeding.seed_lobes(cells, count, form, spread_deg)
-        start = newton.Outcome(seeds, math.inf, newton.DAMPING_START)
-        started.append(_descend(scaled, start, coarse, on_step))
-    chosen = min(started, key=lambda outcome: outcome.value)
-    if effort.trials:
-        level = fine[0]
-        frame = objective.target(latlong.reduce(scaled, level.rows, 2 * level.rows), level.corners)
-        chosen = regroup(chosen, frame, effort.trials, narrowest(height))
-    found = _descend(scaled, chosen, fine, on_step)
-    lobes = light.relight(found.lobes, objective.target(scaled, LIGHT))
-    return with_flux_of(lobes, scaled, exposure, found.value)
+    cells = seeding.cells(reference / frame.exposure)
+    seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
+    whole = objective.target(frame.radiance)
+    starts = newton.Outcome(stack(seeds), torch.empty(0), torch.tensor(newton.DAMPING_START))
+    width_min = narrowest(frame.height)
+    started = descend(starts, whole.repeated(len(seeds)), effort.coarse, width_min, on_step)
+    chosen = started.best()
+    if effort.rounds:
+        level = replace(whole, corners=effort.coarse[-1].corners)
+        chosen = regroup(chosen, level, effort.rounds, width_min)
+    found = descend(chosen, whole, effort.fine, width_min, on_step)
+    lobes = light.relight(found.lobes, replace(whole, corners=LIGHT), passes=1)
+    return with_flux_of(lobes[0], frame, float(found.value))
 
 
-def levels_for(levels: tuple[Level, ...], height: int, *, last: bool = True) -> list[Level]:
-    """Return the levels for a map of so many rows.
-
-    Levels as fine as the map or finer fall together, with the corners of the last and the most
-    steps.
-
-    Args:
-        levels: From coarse to fine.
-        height: Rows of the map.
-        last: The last level is on the map's own rows, however many.
-    """
-    coarser = [level for level in levels if level.rows < height]
-    finer = levels[len(coarser) :]
-    if not finer and not last:
-        return coarser
-    finer = finer or levels[-1:]
-    return [*coarser, Level(height, max(level.steps for level in finer), finer[-1].corners)]
-
-
-def _descend(
-    scaled: Tensor, start: newton.Outcome, levels: list[Level], on_step: newton.OnStep | None
+def descend(
+    start: newton.Outcome,
+    frame: objective.Target,
+    levels: tuple[Level, ...],
+    width_min: float,
+    on_step: newton.OnStep | None = None,
 ) -> newton.Outcome:
     """Take the steps of each level in turn."""
     state = start
     for level in levels:
-        frame = objective.target(latlong.reduce(scaled, level.rows, 2 * level.rows), level.corners)
         state = newton.minimise(
             state.lobes,
-            frame,
+            replace(frame, corners=level.corners),
             level.steps,
             damping=state.damping,
-            width_min=narrowest(scaled.shape[0]),
+            width_min=width_min,
             on_step=on_step,
         )
     return state
@@ -174,28 +183,26 @@ def narrowest(height: int) -> float:
 
 
 def mean_radiance(reference: Tensor) -> float:
-    """Return the mean over the sphere and RGB, the unit in which a frame is fitted."""
-    weight = latlong.texel_solid_angles(*reference.shape[:2], dtype=torch.float64)
-    return float((weight[..., None].to(reference.device) * reference).sum()) / (12 * math.pi)
+    """Return the mean over the sphere and RGB, the unit in which a frame is fitted.
+
+    Args:
+        reference: Repaired radiance.  [H, 2 H, 3]
+    """
+    return exposed(reference).exposure
 
 
-def with_flux_of(lobes: Lobes, scaled: Tensor, exposure: float, loss: float) -> FrameFit:
+def with_flux_of(lobes: Lobes, frame: Exposed, loss: float) -> FrameFit:
     """Give each channel exactly the map's flux, and undo the exposure.
 
     Args:
-        lobes: Fitted to `scaled`.
-        scaled: Reference over `exposure`.  [H, W, 3]
-        exposure: Mean radiance of the reference.
+        lobes: Fitted to `frame`.  [N, .]
+        frame: The map.
         loss: Passed on.
     """
-    height, width, _ = scaled.shape
-    weight = latlong.texel_solid_angles(height, width, dtype=torch.float64)[..., None]
-    weight = weight.to(scaled.device)
-    wanted = (weight * scaled).sum((0, 1))
-    found = (weight * texels.texel_means(lobes, height, width)).sum((0, 1))
-    factor = (wanted / found.clamp(min=1e-30)).clamp(max=FLUX_CORRECTION_MAX)
-    error = float((found * factor).sum() / wanted.sum()) - 1
-    amplitude = lobes.amplitude * (factor * exposure).to(lobes.amplitude)
+    found = asg.flux(lobes.to(torch.float64)).sum(0)
+    factor = (frame.flux / found.clamp(min=1e-30)).clamp(max=FLUX_CORRECTION_MAX)
+    error = float((found * factor).sum() / frame.flux.sum()) - 1
+    amplitude = lobes.amplitude * (factor * frame.exposure).to(lobes.amplitude)
     return FrameFit(replace(lobes, amplitude=amplitude), loss, error)
 
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every next frame of the `fast` preset: a few steps from the frame before, the temporal term on.
+"""Every next frame: a few steps from the frame before, the temporal term on.
 
 A lobe keeps its identity: it moves only as the map moves it. A lobe that has gone dark is free, and
 is sent to where the map has most light that the fit lacks.
 """
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -17,34 +17,41 @@ from asglight.fitting.first_frame import (
     LIGHT,
     FrameFit,
     Level,
+    exposed,
     fit_first_frame,
-    levels_for,
-    mean_radiance,
     narrowest,
     with_flux_of,
 )
+from asglight.fitting.leaves import BASE_ROWS, leaves
 from asglight.fitting.objective import Corners
 from asglight.fitting.probes import PROBES, directions, probe, probe_rows
-from asglight.fitting.tracking import find_moved_lamps
+from asglight.fitting.tracking import drawn
 from asglight.lobes import Lobes, asg
+from asglight.lobes.data import stack
 from asglight.lobes.frames import align, axes_around, parallel_transport
-from asglight.sphere import latlong
 
-FAST = (
-    Level(64, 6, Corners(0.3, 0.02)),
-    Level(128, 5, Corners(0.1, 0.01)),
-    Level(256, 2, Corners(0.1, 0.005)),
+
+@dataclass(frozen=True)
+class Pace:
+    """How much is spent on a next frame.
+
+    Attributes:
+        rows: Rows of the coarse grid of leaves.
+        levels: Steps and corners.
+    """
+
+    rows: int
+    levels: tuple[Level, ...]
+
+
+LIVE = Pace(32, (Level(4, Corners(0.1, 0.005)),))
+
+FAST = Pace(BASE_ROWS, (Level(6, Corners(0.3, 0.02)), Level(10, Corners(0.1, 0.005))))
+
+BEST = Pace(
+    BASE_ROWS,
+    (Level(8, Corners(0.3, 0.02)), Level(16, Corners(0.1, 0.01)), Level(24, Corners(0.1, 0.002))),
 )
-"""The levels of a next frame."""
-
-BEST = (
-    Level(64, 8, Corners(0.3, 0.02)),
-    Level(128, 12, Corners(0.1, 0.01)),
-    Level(256, 12, Corners(0.05, 0.005)),
-)
-
-FORETELL_ROWS = 32
-"""Rows of the grid on which the foretold motion is tried."""
 
 FORETELL_DEG = 20.0
 """A lobe that moved further went dark and was sent elsewhere; that foretells nothing."""
@@ -71,7 +78,7 @@ def fit_next_frame(
     reference: Tensor,
     previous: Lobes,
     earlier: Lobes | None = None,
-    levels: tuple[Level, ...] = FAST,
+    pace: Pace = FAST,
 ) -> FrameFit:
     """Fit a frame that follows another.
 
@@ -79,61 +86,93 @@ def fit_next_frame(
         reference: Repaired radiance.  [H, 2 H, 3]
         previous: The lobes of the frame before.  [N, .]
         earlier: The lobes of the frame before that, from which the motion is foretold.  [N, .]
-        levels: From coarse to fine.
+        pace: How much is spent.
     """
-    exposure = mean_radiance(reference)
-    if exposure <= 0:
+    frame = exposed(reference)
+    if frame.exposure <= 0:
         return FrameFit(_scaled(previous, 0.0), 0.0, 0.0)
     if float(previous.amplitude.max()) <= 0:
         return fit_first_frame(reference, previous.count, previous.form)
-    scaled = reference / exposure
-    before = _scaled(previous, 1 / _within_reach(exposure, previous))
-    height = reference.shape[0]
-    start = _foretold(before, earlier, scaled)
-    lobes, leash = _send_free_lobes(find_moved_lamps(start, scaled), scaled, before, earlier)
-    held, loss = temporal.prior(lobes), math.inf
-    for level in levels_for(levels, height):
-        frame = objective.target(latlong.reduce(scaled, level.rows, 2 * level.rows), level.corners)
+    before = _scaled(previous, 1 / _within_reach(frame.exposure, previous))
+    dark = temporal.is_dark(before)
+    if earlier is not None:
+        dark &= temporal.is_dark(earlier)
+    cosine = torch.where(dark, -1.0, math.cos(math.radians(LEASH_DEG)))
+    leash = Leash(before.axis_z, cosine.to(before.axis_z))
+    whole = objective.target(frame.radiance, places=leaves(frame.radiance, pace.rows))
+    width_min = narrowest(frame.height)
+    first = replace(whole, corners=pace.levels[0].corners)
+    outcome = _started(before, earlier, first, leash, width_min)
+    if bool(dark.any()):
+        sent = _send_free_lobes(outcome.lobes[0], dark, whole)
+        outcome = replace(outcome, lobes=sent[None])
+    held = temporal.prior(outcome.lobes)
+    for level in pace.levels:
         outcome = newton.minimise(
-            light.relight(lobes, frame) if math.isinf(loss) else lobes,
-            frame,
+            outcome.lobes,
+            replace(whole, corners=level.corners),
             level.steps,
             priors=[held],
-            damping=DAMPING_START,
-            width_min=narrowest(height),
+            damping=outcome.damping,
+            width_min=width_min,
             leash=leash,
         )
-        lobes, loss = outcome.lobes, outcome.value
+    loss = float(outcome.value)
     if loss > SUSPECT_LOSS:
         fresh = fit_first_frame(reference, previous.count, previous.form)
         if fresh.loss < CUT_GAIN * loss:
             return fresh
-    lobes = light.relight(align(lobes, before), objective.target(scaled, LIGHT), passes=1)
-    return with_flux_of(lobes, scaled, exposure, loss)
+    aligned = align(outcome.lobes[0], before)
+    lit = light.relight(aligned[None], replace(whole, corners=LIGHT), passes=1)
+    return with_flux_of(lit[0], frame, loss)
 
 
-def _foretold(before: Lobes, earlier: Lobes | None, scaled: Tensor) -> Lobes:
-    """Return the lobes as they were, or moved on as they moved last, whichever fits better.
+def _started(
+    before: Lobes,
+    earlier: Lobes | None,
+    frame: objective.Target,
+    leash: Leash,
+    width_min: float,
+) -> newton.Outcome:
+    """Return the lobes as they were, or moved on as they moved last, or drawn after the lamps.
+
+    All of these compete.
 
     Args:
         before: The frame before, in the exposure of this one.  [N, .]
         earlier: The frame before that.  [N, .]
-        scaled: This frame.  [H, 2 H, 3]
+        frame: This frame.
+        leash: How far each lobe may go.
+        width_min: Sigma of the narrowest lobe allowed, radians.
     """
-    if earlier is None:
-        return before
-    rows = min(FORETELL_ROWS, scaled.shape[0])
-    frame = objective.target(latlong.reduce(scaled, rows, 2 * rows), FAST[0].corners)
-    onward = _mirrored(earlier.axis_z, before.axis_z)
-    steady = (before.axis_z * earlier.axis_z).sum(-1) > math.cos(math.radians(FORETELL_DEG))
-    onward = torch.where(steady[:, None], onward, before.axis_z)
-    moved = parallel_transport(before.axes, onward)
-    candidates = (before, replace(before, axes=moved))
-    lit = [light.relight(candidate, frame, passes=1) for candidate in candidates]
-    values = [
-        float(objective.value(lobe_images.images(one, frame.grid).radiance, frame)) for one in lit
-    ]
-    return candidates[values[1] < values[0]]
+    places = [before.axis_z]
+    if earlier is not None:
+        onward = _mirrored(earlier.axis_z, before.axis_z)
+        steady = (before.axis_z * earlier.axis_z).sum(-1) > math.cos(math.radians(FORETELL_DEG))
+        places.append(leash.hold(torch.where(steady[:, None], onward, before.axis_z)))
+    still = _at(before, torch.stack(places))
+    after = drawn(still, frame.repeated(len(places)), width_min)
+    after = replace(after, axes=parallel_transport(after.axes, leash.hold(after.axis_z)))
+    candidates = stack([lobes[i] for lobes in (still, after) for i in range(len(places))])
+    competing = frame.repeated(2 * len(places))
+    shown = lobe_images.images(candidates, competing.places)
+    value = objective.value(shown.radiance, competing)
+    still_best, after_best = value.view(2, -1).argmin(-1).tolist()
+    pair = frame.repeated(2)
+    lit = light.relight(candidates[[still_best, len(places) + after_best]], pair, passes=1)
+    value = objective.value(lobe_images.images(lit, pair.places).radiance, pair)
+    return newton.Outcome(lit, value, torch.full_like(value, DAMPING_START)).best()
+
+
+def _at(lobes: Lobes, axis_z: Tensor) -> Lobes:
+    """Turn lobes the shortest way.  axis_z: [..., N, 3]; result [..., N, .]."""
+    batch = axis_z.shape[:-2]
+    return Lobes(
+        parallel_transport(lobes.axes.expand(*batch, *lobes.axes.shape), axis_z),
+        lobes.sharpness.expand(*batch, *lobes.sharpness.shape),
+        lobes.amplitude.expand(*batch, *lobes.amplitude.shape),
+        lobes.form,
+    )
 
 
 def _mirrored(direction: Tensor, about: Tensor) -> Tensor:
@@ -155,44 +194,31 @@ def _scaled(lobes: Lobes, factor: float) -> Lobes:
     return Lobes(lobes.axes, lobes.sharpness, lobes.amplitude * factor, lobes.form)
 
 
-def _send_free_lobes(
-    lobes: Lobes, scaled: Tensor, before: Lobes, earlier: Lobes | None
-) -> tuple[Lobes, Leash]:
+def _send_free_lobes(lobes: Lobes, free: Tensor, frame: objective.Target) -> Lobes:
     """Send each free lobe to the place where the sharpest probe lacks most light.
 
-    A lobe is free when it was dark in both frames before, so that it can move while it is dark. All
-    others are held within reach of where they were.
+    A lobe is free when it was dark in both frames before, so that it can move while it is dark.
+
+    Args:
+        lobes: All lobes.  [N, .]
+        free: Which are free.  [N]
+        frame: The map and its weights.
     """
-    dark = (
-        temporal.is_dark(before)
-        if earlier is None
-        else temporal.is_dark(before) & temporal.is_dark(earlier)
-    )
-    reach = torch.where(dark, -1.0, math.cos(math.radians(LEASH_DEG)))
-    leash = Leash(before.axis_z, reach)
-    held = parallel_transport(lobes.axes, leash.hold(lobes.axis_z))
-    lobes = replace(lobes, axes=held)
-    free = torch.nonzero(dark).flatten().tolist()
-    if not free:
-        return lobes, leash
     sharpest = PROBES[-1]
-    rows = min(sharpest.height, scaled.shape[0])
-    frame = objective.target(latlong.reduce(scaled, rows, 2 * rows))
-    brightest = float(probe(frame.radiance, rows)[-1].sum(0).max())
-    places = directions(sharpest, probe_rows(sharpest, rows)).to(scaled)
-    axes, sharpness, amplitude = (
-        lobes.axes.clone(),
-        lobes.sharpness.clone(),
-        lobes.amplitude.clone(),
-    )
-    for index in free:
-        current = Lobes(axes, sharpness, amplitude, lobes.form)
-        shown = lobe_images.images(current, frame.grid).radiance
-        lacking = probe(frame.radiance - shown, rows)[-1].mT  # [D, 3]
-        place = int(lacking.sum(-1).argmax())
-        if float(lacking[place].sum()) < LACKING_SHARE * brightest:
+    rows = frame.places.rows
+    wanted = probe(objective.on_cells(frame.radiance, frame), rows)[-1][0]  # [3, D]
+    brightest = float(wanted.sum(0).max())
+    places = directions(sharpest, probe_rows(sharpest, rows)).to(wanted)
+    axes, sharpness = lobes.axes.clone(), lobes.sharpness.clone()
+    amplitude = lobes.amplitude.clone()
+    for index in torch.nonzero(free).flatten().tolist():
+        current = Lobes(axes, sharpness, amplitude, lobes.form)[None]
+        shown = lobe_images.images(current, frame.places).radiance
+        lacking = wanted - probe(objective.on_cells(shown, frame), rows)[-1][0]
+        place = int(lacking.sum(0).argmax())
+        if float(lacking[:, place].sum()) < LACKING_SHARE * brightest:
             break
         axes[index] = axes_around(places[place])
         sharpness[index] = FREE_LOBE_SHARPNESS
-        amplitude[index] = lacking[place].clamp(min=0)
-    return Lobes(axes, sharpness, amplitude, lobes.form), leash
+        amplitude[index] = lacking[:, place].clamp(min=0)
+    return Lobes(axes, sharpness, amplitude, lobes.form)

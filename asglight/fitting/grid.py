@@ -100,11 +100,11 @@ def _block_sums(images: Tensor, factor: int) -> Tensor:
     return sum((along[..., b::factor] for b in range(1, factor)), along[..., ::factor]).flatten(-2)
 
 
-def cell_of(texel: Tensor, height: int, coarse: int) -> Tensor:
-    """Return the cell of a coarser grid that holds each texel.  [...]."""
+def repeated(images: Tensor, coarse: int, height: int) -> Tensor:
+    """Give each texel the value of its cell.  [..., P'] -> [..., P]."""
     factor = height // coarse
-    row, column = texel // (2 * height), texel % (2 * height)
-    return (row // factor) * (2 * coarse) + column // factor
+    cells = images.unflatten(-1, (coarse, 1, 2 * coarse, 1))
+    return cells.expand(*cells.shape[:-3], factor, 2 * coarse, factor).flatten(-4)
 
 
 def coarser(height: int, wanted: int) -> int:

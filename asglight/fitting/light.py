@@ -8,7 +8,7 @@ import scipy.optimize
 import torch
 from torch import Tensor
 
-from asglight.fitting import lobe_images, objective
+from asglight.fitting import leaves, lobe_images, objective
 from asglight.fitting.probes import probe
 from asglight.lobes import Lobes
 
@@ -24,9 +24,15 @@ def relight(lobes: Lobes, frame: objective.Target, passes: int = PASSES) -> Lobe
 
     Each pass is a non-negative least squares problem of the reweighted normal equations for each
     channel [Lawson and Hanson 1974].
+
+    Args:
+        lobes: The lobes.  [F, N, .]
+        frame: The maps and their weights.
+        passes: Reweightings.
     """
-    values = lobe_images.images(lobes, frame.grid).values  # [N, P]
-    views = probe(values, frame.height)
+    shown = lobe_images.images(lobes, frame.places)
+    values = shown.values * shown.scale[..., None]  # [F, N, P]
+    views = probe(leaves.to_cells(values, frame.places), frame.places.rows)
     amplitude = lobes.amplitude
     for _ in range(passes):
         misfit = objective.misfit(amplitude.mT @ values, frame)
@@ -35,7 +41,9 @@ def relight(lobes: Lobes, frame: objective.Target, passes: int = PASSES) -> Lobe
             gram += _weighted_gram(view, weight)
         # the minimum lies where the slope at the amplitudes so far is undone
         right = gram @ amplitude.double() - values.double() @ misfit.slope.mT.double()
-        amplitude = _non_negative(gram, right, amplitude.double()).to(amplitude)
+        near = amplitude.double()
+        solved = [_non_negative(*one) for one in zip(gram, right, near, strict=True)]
+        amplitude = torch.stack(solved).to(amplitude)
     return replace(lobes, amplitude=amplitude)
 
 
@@ -43,10 +51,10 @@ def _weighted_gram(images: Tensor, weight: Tensor) -> Tensor:
     """Return A W A^T in float64: lobes that coincide keep equal rows, whatever the order of sums.
 
     Args:
-        images: A.  [N, P]
-        weight: The diagonal of W.  [P]
+        images: A.  [F, N, P]
+        weight: The diagonal of W.  [F, P]
     """
-    rooted = (images * weight.sqrt()).double()
+    rooted = (images * weight.sqrt()[:, None]).double()
     return rooted @ rooted.mT
 
 
@@ -63,12 +71,12 @@ def _non_negative(gram: Tensor, right: Tensor, near: Tensor) -> Tensor:
     """
     scale = torch.diagonal(gram).clamp(min=1e-300).rsqrt()  # to unit diagonal
     scaled = gram * scale[:, None] * scale[None, :]
-    ridge, failed, factor = RIDGE, 1, scaled
-    while failed:
-        damped = scaled + ridge * torch.eye(len(scale)).to(scaled)
-        factor, info = torch.linalg.cholesky_ex(damped)
-        failed, ridge = int(info), 10 * ridge
-    pulled = right * scale[:, None] + ridge / 10 * near / scale[:, None]
+    ridge = RIDGE
+    factor, failed = torch.linalg.cholesky_ex(scaled + ridge * torch.eye(len(scale)).to(scaled))
+    while int(failed) and ridge < 1:
+        ridge *= 10
+        factor, failed = torch.linalg.cholesky_ex(scaled + ridge * torch.eye(len(scale)).to(scaled))
+    pulled = right * scale[:, None] + ridge * near / scale[:, None]
     target = torch.linalg.solve_triangular(factor, pulled, upper=False)
     matrix, columns = factor.mT.cpu().numpy(), target.cpu().numpy()
     solved = [scipy.optimize.nnls(matrix, columns[:, channel])[0] for channel in range(3)]

@@ -1,267 +1,280 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images of lobes on a grid: their values, their derivatives, and the slope of a loss along them.
+"""Images of lobes on leaves: values, slopes of a loss, and the columns of the Gauss-Newton matrix.
 
-A lobe moves in five local coordinates (coordinates.py). Its image and its five derivatives are the
-six columns that the Gauss-Newton matrix is made of; that matrix needs them on coarse cells only.
-The slope of a loss along a coordinate is the sum over texels of a derivative times the loss's
-slope; it is taken over all texels, yet no derivative is evaluated for it: each derivative is the
-lobe times a polynomial in direction, so the moments of lobe times slope hold all of them.
+The mean of a Gaussian over a texel is, to second order in the texel's size, a wider Gaussian: the
+texel's own second moment T adds to the lobe's covariance. With S = diag(sx, sy) in the lobe's frame
+it has the sharpness matrix S' = (I + 2 S T)^-1 S and the peak c = det(I + 2 S T)^-1/2. So one
+formula serves leaves of any size and lobes of any width, and a lobe narrower than a cell still has
+a slope there. T is held in the derivatives.
 
-Lobes narrower than a few texels are averaged over each texel that they reach (lobes/texels.py).
+Sums over leaves are exact to 2 exp(-2 pi^2 sigma'^2) an axis, sigma' in leaves: 39 % for a lobe far
+narrower than its leaf, sigma'^2 = 1/12. Narrow lobes are therefore scaled to their exact integral;
+the scale is held in the derivatives as well.
+
+The exponent and each derivative over the value are polynomials in direction of degree 1 and 2, so
+an image is one product with the monomials of direction, and the slopes of a loss along all
+coordinates come from the moments of lobe times slope.
 """
 
-import itertools
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from asglight.fitting.coordinates import BROAD, is_round
-from asglight.fitting.grid import POWERS, Grid, cell_of
-from asglight.lobes import Form, Lobes, asg, texels
+from asglight.fitting.leaves import Leaves
+from asglight.lobes import Form, Lobes
 
-NARROW_TEXELS = 2.0
-"""Lobes at least this wide are sampled at the texel centres: within 1 % an axis at the peak of the
-narrowest, while sums over the texels are exact to exp(-2 pi^2 2^2)."""
-
-NARROW_CELLS = 1.5
-"""The same for the columns of the Gauss-Newton matrix, which are only ever summed."""
-
-EXPONENT_MIN = -80.0
-"""Of exp: 1.8e-35, beyond sight; the processor takes four times as long for denormal results."""
+EXPONENT_MIN = -30.0
+"""Of exp: 1e-13 of the peak, beyond sight; its square times a leaf's share is no denormal number,
+for which a processor takes many times as long."""
 
 COLUMNS = 6
 """The lobe, two tilts, two widths, one turn."""
 
+NARROW_SHARPNESS, LONG_SHARPNESS = 50.0, 8.0
+"""Of the sharper and of the other axis, from which the integral is taken as that of a plane
+Gaussian, below a percent off for each form; others are sampled well by any grid of 16 rows."""
+
+SCALE_MIN, SCALE_MAX = 0.5, 3.0
+"""Of a narrow lobe's correction: a cell's centre asks for 0.52, the corner of four for 2.63; only
+near a pole, where rows of cells are unlike, more is lacking."""
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """Lobes as leaves of L sizes see them, as polynomials in the monomials of degree 1 and 2.
+
+    Attributes:
+        exponent: Of the value over z: log c - d^T S' d.  [L, F, N, 9]
+        derivatives: Of the value over the value, along the five coordinates; for the asg form less
+            the tilts of z.  [L, F, N, 5, 9]
+    """
+
+    exponent: Tensor
+    derivatives: Tensor
+
 
 @dataclass(frozen=True)
 class Images:
-    """Lobes of amplitude 1 on a grid.
+    """Lobes of amplitude 1 on leaves.
 
     Attributes:
-        lobes: The lobes.  [N, .]
-        values: Texel means of each lobe.  [N, P]
-        gaussian: exp(-sx x^2 - sy y^2) on the lobe's side, for the tilts of the asg form; the
-            values themselves for other forms. Undefined for narrow lobes.  [N, P]
+        lobes: The lobes.  [F, N, .]
+        values: Means over each leaf, but for `scale`.  [F, N, P]
+        gaussian: The values over z where z > 0 for the asg form; else the values.  [F, N, P]
+        scale: What makes the integrals of narrow lobes exact.  [F, N]
     """
 
     lobes: Lobes
     values: Tensor
     gaussian: Tensor
+    scale: Tensor
+
+    @property
+    def light(self) -> Tensor:
+        """Amplitudes of `values`.  [F, N, 3]."""
+        return self.lobes.amplitude * self.scale[..., None]
 
     @property
     def radiance(self) -> Tensor:
-        """What all lobes send together.  [3, P]."""
-        return self.lobes.amplitude.mT @ self.values
+        """What all lobes send together.  [F, 3, P]."""
+        return self.light.mT @ self.values
 
 
-def images(lobes: Lobes, grid: Grid) -> Images:
-    """Evaluate lobes on a grid.  [N, .]."""
-    narrow = texels.is_narrow(lobes, grid.height, NARROW_TEXELS)
-    values, gaussian = _at_centres(lobes, grid)
-    if bool(narrow.any()):
-        if gaussian is values:
-            gaussian = values.clone()
-        values[narrow] = 0
-        shape = (grid.height, 2 * grid.height)
-        for group in texels.reached_pairs(lobes, narrow, shape):
-            values[group.lobe, group.texel] = texels.means(asg.local_values, lobes, group, shape)
-    return Images(lobes, values, gaussian)
+def images(lobes: Lobes, places: Leaves) -> Images:
+    """Evaluate lobes on leaves.  [F, N, .]."""
+    levels = places.levels
+    _, inverse, determinant = _seen(lobes, [rows for rows, _, _ in levels])
+    exponents = _exponent(lobes, inverse, determinant)
+    parts = [
+        _values(lobes, exponent, monomials)
+        for exponent, (_, monomials, _) in zip(exponents, levels, strict=True)
+    ]
+    values = torch.cat([part[0] for part in parts], dim=-1)
+    gaussian = values
+    if lobes.form is Form.ASG:
+        gaussian = torch.cat([part[1] for part in parts], dim=-1)
+    found = 4 * math.pi * (values @ places.share[..., None])[..., 0]
+    exact = _plane_integral(lobes)
+    scale = (exact / found.clamp(min=torch.finfo(found.dtype).tiny)).clamp(SCALE_MIN, SCALE_MAX)
+    narrow = lobes.sharpness.amax(-1) > NARROW_SHARPNESS
+    narrow &= lobes.sharpness.amin(-1) > LONG_SHARPNESS
+    return Images(lobes, values, gaussian, torch.where(narrow, scale, 1.0))
 
 
-def _at_centres(lobes: Lobes, grid: Grid) -> tuple[Tensor, Tensor]:
-    """Return values and gaussians at the texel centres, by monomials of direction."""
-    _, first, second, _ = grid.columns
+def _plane_integral(lobes: Lobes) -> Tensor:
+    """Return the integral of narrow lobes of amplitude 1.  [F, N]."""
+    sx, sy = lobes.sharpness.unbind(-1)
     if lobes.form is Form.SG:
-        sharpness = lobes.sharpness[:, :1]
-        exponent = (sharpness * lobes.axis_z) @ first
-        values = exponent.sub_(sharpness).clamp_(min=EXPONENT_MIN).exp_()
+        return 2 * math.pi / sx
+    plane = math.pi / (sx * sy).sqrt()
+    if lobes.form is Form.ASG:  # dx dy = z dw
+        return plane
+    return 2 * plane * (1 + (1 / sx + 1 / sy) / 4)  # two lobes; dw = dx dy / z, 1 / z ~ 1 + r^2 / 2
+
+
+def _values(lobes: Lobes, exponent: Tensor, monomials: Tensor) -> tuple[Tensor, Tensor]:
+    """Return values and values over z.  Two [F, N, P']."""
+    power = torch.matmul(exponent, monomials[..., 1:10, :]).clamp_(min=EXPONENT_MIN)
+    if lobes.form is not Form.ASG:
+        values = power.exp_()
         return values, values
-    gaussian = torch.mm(_quadratic(lobes), second).clamp_(min=EXPONENT_MIN).exp_()
-    if lobes.form is Form.BINGHAM:
-        return gaussian, gaussian
-    z = lobes.axis_z @ first
-    gaussian.mul_(z > 0)
+    z = torch.matmul(lobes.axis_z, monomials[..., 1:4, :])
+    gaussian = power.masked_fill_(z <= 0, -math.inf).exp_()
     return z.mul_(gaussian), gaussian
 
 
-def _quadratic(lobes: Lobes) -> Tensor:
-    """Return -sx x^2 - sy y^2 as coefficients of the monomials of degree 2.  [N, 6]."""
-    x, y = lobes.axis_x, lobes.axis_y
-    sx, sy = lobes.sharpness[:, :1, None], lobes.sharpness[:, 1:, None]
-    matrix = -sx * x[:, :, None] * x[:, None, :] - sy * y[:, :, None] * y[:, None, :]
-    # order of POWERS: xx, xy, xz, yy, yz, zz
-    rows, columns = torch.triu_indices(3, 3, device=matrix.device)
-    twice = torch.where(rows == columns, 1.0, 2.0)
-    return matrix[:, rows, columns] * twice
+def _seen(lobes: Lobes, rows: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the second moment of a texel about its centre, (I + 2 S T)^-1 and its determinant.
 
-
-@dataclass(frozen=True)
-class Near:
-    """Columns of the lobes that are narrow for the cells, on the texels that they reach.
-
-    Attributes:
-        lobe: Indices of the n lobes.  [n]
-        texel: Indices of the U texels that any of them reaches.  [U]
-        columns: Each lobe and its derivatives as texel means.  [n, 6, U]
-    """
-
-    lobe: Tensor
-    texel: Tensor
-    columns: Tensor
-
-
-def near_columns(lobes: Lobes, grid: Grid, cell_rows: int) -> Near:
-    """Evaluate the columns of the lobes that are narrow for cells of so many rows."""
-    narrow = texels.is_narrow(lobes, cell_rows, NARROW_CELLS)
-    narrow |= texels.is_narrow(lobes, grid.height, NARROW_TEXELS)
-    shape = (grid.height, 2 * grid.height)
-    groups = texels.reached_pairs(lobes, narrow, shape)
-    reached = torch.zeros(len(grid.directions), dtype=torch.bool, device=lobes.axes.device)
-    for group in groups:
-        reached[group.texel] = True
-    place, rank = reached.cumsum(0) - 1, narrow.cumsum(0) - 1
-    texel, lobe = torch.nonzero(reached).flatten(), torch.nonzero(narrow).flatten()
-    columns = lobes.axes.new_zeros(len(lobe), COLUMNS, len(texel))
-    for group in groups:
-        means = texels.means(local_columns, lobes, group, shape)  # [T, 6]
-        columns[rank[group.lobe], :, place[group.texel]] = means
-    return Near(lobe, texel, columns)
-
-
-def cell_columns(lobes: Lobes, near: Near, grid: Grid, cells: Grid) -> Tensor:
-    """Return each lobe and its derivatives as means over cells.
-
-    Args:
-        lobes: N lobes.  [N, .]
-        near: Those that are narrow for the cells.
-        grid: The grid of `near`.
-        cells: The grid of the cells.
+    A texel of a grid of `rows` rows is pi / rows high and pi / rows times cos(latitude) wide.
 
     Returns:
-        Row 6 i is lobe i, rows 6 i + 1 to 6 i + 5 its derivatives.  [6 N, P]
+        T and the inverse, in each lobe's frame [L, F, N, 2, 2], and the determinant [L, F, N].
     """
-    columns = local_columns(lobes, lobes.axes @ cells.directions.mT)
-    if len(near.lobe):
-        cell = cell_of(near.texel, grid.height, cells.height)
-        share = grid.share[near.texel] / cells.share[cell]
-        narrow = near.columns.new_zeros(len(near.lobe), COLUMNS, len(cells.directions))
-        columns[near.lobe] = narrow.index_add_(2, cell, near.columns * share)
-    return columns.flatten(0, 1)
+    sides = [(math.pi / count) ** 2 / 12 for count in rows]
+    side = lobes.sharpness.new_tensor(sides)[:, None, None]
+    axis_z, axes = lobes.axis_z, lobes.axes[..., :2, :]
+    sin2 = axis_z[..., 1].square()
+    cos2 = torch.maximum(1 - sin2, 3 * side)  # within a texel of a pole width has no direction
+    # along the row, cos(latitude) long: z x y and its parts on axis_x and axis_y
+    along = torch.stack([axis_z[..., 2], torch.zeros_like(sin2), -axis_z[..., 0]], dim=-1)
+    part = (axes @ along[..., None])[..., 0]
+    shorter = (sin2 / cos2)[..., None, None] * part[..., :, None] * part[..., None, :]
+    identity = torch.eye(2, dtype=sin2.dtype, device=sin2.device)
+    moment = side[..., None, None] * (identity - shorter)
+    trace = shorter[..., 0, 0] + shorter[..., 1, 1]
+    if lobes.form is Form.SG:  # stays isotropic
+        moment = (side * (1 - trace / 2))[..., None, None] * identity
+        inverse = 1 / (1 + lobes.sharpness[..., 0] * moment[..., 0, 0])
+        return moment, inverse[..., None, None] * identity, inverse.square()
+    a, b, c, d = (2 * lobes.sharpness[..., :, None] * moment).flatten(-2).unbind(-1)
+    # det T = side^2 (1 - trace): the difference of products would lose it for sharp lobes
+    product = 4 * side.square() * lobes.sharpness.prod(-1) * (1 - trace).clamp(min=0)
+    determinant = 1 / (1 + a + d + product)
+    inverse = torch.stack([1 + d, -b, -c, 1 + a], dim=-1) * determinant[..., None]
+    return moment, inverse.unflatten(-1, (2, 2)), determinant
 
 
-def local_columns(lobes: Lobes, local: Tensor) -> Tensor:
-    """Return each lobe and its five derivatives at directions in its frame.
-
-    Args:
-        lobes: N lobes.  [N, .]
-        local: x, y, z of each direction.  [N, 3, P]
-
-    Returns:
-        The lobe, tilts, widths, turn.  [N, 6, P]
-    """
-    x, y, z = local.unbind(1)
-    sx, sy = lobes.sharpness[..., None].unbind(1)  # [N, 1]
-    value = asg.local_values(lobes, local)
+def _exponent(lobes: Lobes, inverse: Tensor, determinant: Tensor) -> Tensor:
+    """Return log c - d^T S' d, or for the sg form log c + s' (z - 1).  [L, F, N, 9]."""
     if lobes.form is Form.SG:
-        none = torch.zeros_like(value)
-        width = (sx + BROAD) * (z - 1) * value
-        return torch.stack([value, sx * x * value, sx * y * value, width, none, none], dim=1)
-    if lobes.form is Form.ASG:
-        gaussian = torch.exp(-sx * x * x - sy * y * y) * (z > 0)
-        tilt_x = gaussian * x * (1 + 2 * sx * z * z)
-        tilt_y = gaussian * y * (1 + 2 * sy * z * z)
-    else:
-        tilt_x = value * x * (2 * sx * z)
-        tilt_y = value * y * (2 * sy * z)
-    widths = [-(sx + BROAD) * x * x * value, -(sy + BROAD) * y * y * value]
-    turn = -2 * turn_speed(lobes)[:, None] * x * y * value
-    return torch.stack([value, tilt_x, tilt_y, *widths, turn], dim=1)
+        seen = lobes.sharpness[..., 0] * inverse[..., 0, 0]
+        square = (determinant.log() / 2 - seen)[..., None] * _one(inverse)
+        return torch.cat([seen[..., None] * lobes.axis_z, square], dim=-1)
+    across = lobes.axes[..., :2, :]
+    square = _monomials(-across.mT @ _sharpness_seen(lobes, inverse) @ across)
+    square = square + determinant.log()[..., None] / 2 * _one(inverse)
+    return torch.cat([square.new_zeros(*square.shape[:-1], 3), square], dim=-1)
+
+
+def _sharpness_seen(lobes: Lobes, inverse: Tensor) -> Tensor:
+    """Return S' = (I + 2 S T)^-1 S, symmetric.  [L, F, N, 2, 2]."""
+    seen = inverse * lobes.sharpness[..., None, :]
+    return (seen + seen.mT) / 2
+
+
+def footprint(lobes: Lobes, rows: Sequence[int]) -> Footprint:
+    """Return what leaves of grids of so many rows see of lobes.  [F, N, .]."""
+    moment, inverse, determinant = _seen(lobes, rows)
+    exponent = _exponent(lobes, inverse, determinant)
+    shifted = lobes.sharpness + BROAD
+    if lobes.form is Form.SG:
+        return Footprint(exponent, _sg_derivatives(lobes, moment, inverse))
+    seen = _sharpness_seen(lobes, inverse)
+    across, axis_z = lobes.axes[..., :2, :], lobes.axis_z
+    # 2 z (S' (x, y)), a product of two directions for each tilt
+    towards = 2 * seen @ across  # [L, F, N, 2, 3]
+    tilts = towards[..., :, None] * axis_z[..., None, None, :]
+    tilts = (tilts + tilts.mT) / 2
+    change = lobes.sharpness.new_zeros(*shifted.shape[:-1], 3, 2, 2)  # dS
+    change[..., 0, 0, 0], change[..., 1, 1, 1] = shifted.unbind(-1)
+    change[..., 2, 0, 1] = change[..., 2, 1, 0] = turn_speed(lobes)
+    # dS' = (I + 2 S T)^-1 dS (I + 2 T S)^-1
+    sides = inverse.mT @ across  # [L, F, N, 2, 3]
+    shapes = -(sides.mT[..., None, :, :] @ change @ sides[..., None, :, :])
+    # d log c = -tr((I + 2 T S)^-1 T dS)
+    log_peak = -((moment @ inverse)[..., None, :, :] * change.mT).sum((-2, -1))
+    shapes = _monomials(shapes) + log_peak[..., None] * _one(moment)
+    square = torch.cat([_monomials(tilts), shapes], dim=-2)
+    return Footprint(exponent, torch.cat([square.new_zeros(*square.shape[:-1], 3), square], dim=-1))
+
+
+def _sg_derivatives(lobes: Lobes, moment: Tensor, inverse: Tensor) -> Tensor:
+    """Return the derivatives of the sg form, which has one width and no turn.  [L, F, N, 5, 9]."""
+    shifted, inverse = lobes.sharpness[..., 0] + BROAD, inverse[..., 0, 0]
+    seen = lobes.sharpness[..., 0] * inverse  # s'
+    change = shifted * inverse.square()  # ds'
+    log_peak = -shifted * moment[..., 0, 0] * inverse
+    found = inverse.new_zeros(*inverse.shape, 5, 9)
+    found[..., :2, :3] = seen[..., None, None] * lobes.axes[..., :2, :]
+    found[..., 2, :3] = change[..., None] * lobes.axis_z
+    found[..., 2, 3:] = (log_peak - change)[..., None] * _one(moment)
+    return found
+
+
+def _one(like: Tensor) -> Tensor:
+    """Return 1 as a polynomial of degree 2: x^2 + y^2 + z^2, in the order of POWERS.  [6]."""
+    return like.new_tensor([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+
+
+def _monomials(matrix: Tensor) -> Tensor:
+    """Return d^T M d of symmetric M by monomials of degree 2.  [..., 3, 3] -> [..., 6]."""
+    xx, xy, xz, _, yy, yz, _, _, zz = matrix.flatten(-2).unbind(-1)
+    return torch.stack([xx, 2 * xy, 2 * xz, yy, 2 * yz, zz], dim=-1)
 
 
 def turn_speed(lobes: Lobes) -> Tensor:
-    """Return sx - sy of a lobe that turns, and what stands for it in one that shears.  [N]."""
+    """Return sx - sy of a lobe that turns, and what stands for it in one that shears.  [..., N]."""
     shifted = lobes.sharpness + BROAD
-    difference = lobes.sharpness[:, 0] - lobes.sharpness[:, 1]
+    difference = lobes.sharpness[..., 0] - lobes.sharpness[..., 1]
     return torch.where(is_round(lobes), shifted.prod(-1).sqrt(), difference)
 
 
-def slopes(shown: Images, near: Near, slope: Tensor, grid: Grid) -> Tensor:
+def slopes(shown: Images, seen: Footprint, slope: Tensor, places: Leaves) -> Tensor:
     """Contract the derivatives of each lobe with the slope of a loss.
 
     Args:
-        shown: The lobes on the grid.
-        near: The columns of the narrow ones.
-        slope: dJ / d radiance.  [3, P]
-        grid: The grid.
+        shown: The lobes on the leaves.
+        seen: Their footprint on the leaves' levels.
+        slope: dJ / d radiance.  [F, 3, P]
+        places: The leaves.
 
     Returns:
-        dJ along the five coordinates and the three amplitudes of each lobe.  [N, 8]
+        dJ along the five coordinates and the three amplitudes of each lobe.  [F, N, 8]
     """
     lobes = shown.lobes
-    light = shown.values @ slope.mT  # [N, 3]
-    shape = _shape_slopes(shown, lobes.amplitude @ slope, grid)
-    if len(near.lobe):
-        averaged = texels.is_narrow(lobes, grid.height, NARROW_TEXELS)[near.lobe]
-        pulled = near.columns @ slope[:, near.texel].mT  # [n, 6, 3]
-        pulled = (pulled[:, 1:] * lobes.amplitude[near.lobe][:, None]).sum(-1)
-        # where the values are samples, so must the slopes be
-        shape[near.lobe] = torch.where(averaged[:, None], pulled, shape[near.lobe])
+    along = shown.light @ slope  # dJ / d value  [F, N, P]
+    valued = shown.values * along
+    moments = [valued[..., place] @ mono[..., 1:10, :].mT for _, mono, place in places.levels]
+    shape = (seen.derivatives @ torch.stack(moments)[..., None])[..., 0].sum(0)
+    if lobes.form is Form.ASG:
+        tilted = shown.gaussian * along
+        vector = sum(tilted[..., place] @ mono[..., 1:4, :].mT for _, mono, place in places.levels)
+        shape[..., :2] += (lobes.axes[..., :2, :] @ torch.as_tensor(vector)[..., None])[..., 0]
+    light = shown.values @ slope.mT * shown.scale[..., None]
     return torch.cat([shape, light], dim=-1)
 
 
-def _shape_slopes(shown: Images, along: Tensor, grid: Grid) -> Tensor:
-    """Return dJ along the five coordinates, from moments of lobe times slope.  [N, 5].
+def columns(lobes: Lobes, seen: Footprint, level: int, monomials: Tensor) -> Tensor:
+    """Return each lobe and its five derivatives as means over leaves of one size.
 
     Args:
-        shown: The lobes on the grid.
-        along: dJ / d value of each lobe in each texel.  [N, P]
-        grid: The grid.
+        lobes: The lobes.  [F, N, .]
+        seen: Their footprint.
+        level: Which of the footprint's sizes the leaves have.
+        monomials: Of the leaves' centres.  [(F,) 20, P']
+
+    Returns:
+        Row 6 i is lobe i, rows 6 i + 1 to 6 i + 5 its derivatives.  [F, 6 N, P']
     """
-    lobes = shown.lobes
-    sx, sy = lobes.sharpness.unbind(-1)
-    ones = shown.gaussian * along
-    _, first, second, third = grid.columns
-    x, y, z = lobes.axes.unbind(1)
-    if lobes.form is Form.SG:
-        vector, total = ones @ first.mT, ones.sum(-1)
-        tilts = [sx * (vector * x).sum(-1), sx * (vector * y).sum(-1)]
-        width = (sx + BROAD) * ((vector * z).sum(-1) - total)
-        return torch.stack([*tilts, width, torch.zeros_like(sx), torch.zeros_like(sx)], dim=-1)
-    speed = turn_speed(lobes)
-    if lobes.form is Form.BINGHAM:
-        moments = _in_frame(_symmetric(ones @ second.mT, 2), lobes)
-        tilts = [2 * sx * moments[:, 0, 2], 2 * sy * moments[:, 1, 2]]
-        xx, yy, xy = moments[:, 0, 0], moments[:, 1, 1], moments[:, 0, 1]
-    else:
-        moments = _in_frame(_symmetric(ones @ third.mT, 3), lobes)
-        mean = torch.einsum("nijj->ni", moments)  # |d| = 1
-        tilts = [
-            mean[:, 0] + 2 * sx * moments[:, 0, 2, 2],
-            mean[:, 1] + 2 * sy * moments[:, 1, 2, 2],
-        ]
-        xx, yy, xy = moments[:, 0, 0, 2], moments[:, 1, 1, 2], moments[:, 0, 1, 2]
-    return torch.stack([*tilts, -(sx + BROAD) * xx, -(sy + BROAD) * yy, -2 * speed * xy], dim=-1)
-
-
-def _places(degree: int) -> Tensor:
-    """Return the monomial that holds each entry of a symmetric tensor.  [3, ..., 3]."""
-    monomials = [powers for powers in POWERS if sum(powers) == degree]
-    entries = itertools.product(range(3), repeat=degree)
-    found = [monomials.index((e.count(0), e.count(1), e.count(2))) for e in entries]
-    return torch.tensor(found).reshape([3] * degree)
-
-
-_PLACES = {degree: _places(degree) for degree in (2, 3)}
-
-
-def _symmetric(moments: Tensor, degree: int) -> Tensor:
-    """Return moments of the monomials of one degree as a symmetric tensor.  [N, 3, ..., 3]."""
-    return moments[:, _PLACES[degree].to(moments.device)]
-
-
-def _in_frame(moments: Tensor, lobes: Lobes) -> Tensor:
-    """Express a tensor of world directions in each lobe's frame."""
-    if moments.ndim == 3:
-        return torch.einsum("nia,njb,nab->nij", lobes.axes, lobes.axes, moments)
-    return torch.einsum("nia,njb,nkc,nabc->nijk", lobes.axes, lobes.axes, lobes.axes, moments)
+    values, gaussian = _values(lobes, seen.exponent[level], monomials)
+    shape = torch.matmul(seen.derivatives[level].flatten(1, 2), monomials[..., 1:10, :])
+    shape = shape.unflatten(1, (lobes.count, 5)).mul_(values[:, :, None])
+    if lobes.form is Form.ASG:
+        across = torch.matmul(lobes.axes[..., :2, :].flatten(1, 2), monomials[..., 1:4, :])
+        shape[:, :, :2] += across.unflatten(1, (lobes.count, 2)).mul_(gaussian[:, :, None])
+    return torch.cat([values[:, :, None], shape], dim=2).flatten(1, 2)

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Levenberg-Marquardt steps on all lobes at once.
+"""Levenberg-Marquardt steps on all lobes of a frame at once, and on many frames side by side.
 
 A step solves (H + damping diag H) delta = -gradient with the Gauss-Newton matrix H of J's quadratic
-majoriser (objective.py) [Marquardt 1963]; a step that does not lower J is tried again with more
-damping. 15 lobes are 120 unknowns: the cost is in the images of the lobes, not in the solve.
+majoriser (objective.py) [Marquardt 1963]; a step that does not lower J is not taken, and the next
+is damped more. 15 lobes are 120 unknowns: the cost is in the images of the lobes, not in the solve.
 
-J and its gradient are taken over every texel. H only shapes the step, so it is summed over coarse
-cells, but for the blocks of lobes that are narrow for a cell, among themselves: those are summed
-over texels, or such a lobe would take its curvature for none and its steps too long.
+J and its gradient are taken over every leaf. H only shapes the step: its cells are coarser still,
+but for the refined ones.
+
+Frames do not see each other. On a GPU no step waits for the processor: what a frame whose step
+failed keeps is chosen there.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -19,18 +21,22 @@ from torch import Tensor
 from asglight.fitting import lobe_images, objective, temporal
 from asglight.fitting.coordinates import UNKNOWNS, Leash, advance
 from asglight.fitting.grid import cell_sums, coarser, grid
-from asglight.fitting.lobe_images import COLUMNS, Images
+from asglight.fitting.lobe_images import COLUMNS, Footprint, Images
+from asglight.fitting.objective import Misfit
 from asglight.fitting.probes import probe
 from asglight.lobes import Lobes, asg
 
 OnStep = Callable[[Lobes], None]
-"""Called with the lobes after a step."""
+"""Called with the lobes [F, N, .] after a step."""
 
-CELL_ROWS = 32
+CURVATURE_ROWS = 32
 """Rows of the grid of cells on which H is summed, at most."""
 
 DAMPING_START, DAMPING_MIN, DAMPING_MAX = 1e-2, 1e-6, 1e6
 DAMPING_UP, DAMPING_DOWN = 5.0, 0.3
+
+TOLERANCE = 1e-4
+"""A step that lowers J by a smaller share of it is the last."""
 
 
 @dataclass(frozen=True)
@@ -38,22 +44,28 @@ class Outcome:
     """Lobes after some steps, with the state that continues them.
 
     Attributes:
-        lobes: The lobes.  [N, .]
-        value: J.
-        damping: The damping of the next step.
+        lobes: The lobes.  [F, N, .]
+        value: J with the temporal terms.  [F]
+        damping: The damping of the next step.  [F]
     """
 
     lobes: Lobes
-    value: float
-    damping: float
+    value: Tensor
+    damping: Tensor
+
+    def best(self) -> "Outcome":
+        """Return the frame with the least J, for frames that are the same.  F = 1."""
+        index = self.value.argmin(keepdim=True)
+        return Outcome(self.lobes[index], self.value[index], self.damping[index])
 
 
 @dataclass(frozen=True)
 class _State:
-    """Lobes on the grid, and J with the temporal term."""
+    """Lobes on their leaves, J there, and J with the temporal terms."""
 
     shown: Images
-    value: float
+    misfit: Misfit
+    value: Tensor
 
 
 def minimise(
@@ -62,112 +74,162 @@ def minimise(
     steps: int,
     *,
     priors: Sequence[temporal.Prior] = (),
-    damping: float = DAMPING_START,
+    damping: Tensor | float = DAMPING_START,
     width_min: float = 0.0,
     leash: Leash | None = None,
-    tolerance: float = 1e-4,
+    tolerance: float = TOLERANCE,
     on_step: OnStep | None = None,
 ) -> Outcome:
-    """Take at most `steps` accepted or hopeless steps.
+    """Take at most `steps` steps, fewer where no frame gains any more.
 
     Args:
-        lobes: Where to start.  [N, .]
-        frame: The map and its weights.
-        steps: Upper bound on Gauss-Newton matrices built.
+        lobes: Where to start.  [F, N, .]
+        frame: The maps and their weights.
+        steps: Steps tried, taken or not.
         priors: The temporal terms, added to J: one for each neighbouring frame.
-        damping: First damping.
+        damping: First damping.  [F]
         width_min: Sigma of the narrowest lobe allowed, radians.
         leash: Bounds on the directions.
-        tolerance: Stop when a step lowers J by less than this share of it.
+        tolerance: Stop when the step of each frame lowers J by less than this share of it.
         on_step: Called with the lobes after each step.
     """
     state = _judged(lobes, frame, priors)
+    damping = torch.as_tensor(damping, dtype=torch.float64, device=lobes.axes.device)
+    damping = damping.expand(len(state.value))
+    equations: tuple[Tensor, Tensor] | None = None
     for _ in range(steps):
-        before = state.value
-        hessian, gradient = normal_equations(state.shown, frame)
-        for prior in priors:
-            temporal.add_curvature(hessian, gradient, state.shown.lobes, prior)
-        while damping <= DAMPING_MAX:
-            step = _solve(hessian, gradient, state.shown.lobes, damping)
-            reached = _judged(advance(state.shown.lobes, step, width_min, leash), frame, priors)
-            if reached.value < before:
-                state = reached
-                damping = max(damping * DAMPING_DOWN, DAMPING_MIN)
-                break
-            damping *= DAMPING_UP
+        if equations is None:
+            equations = _equations(state, frame, priors)
+        step = _solve(*equations, state.shown.lobes, damping)
+        tried = _judged(advance(state.shown.lobes, step, width_min, leash), frame, priors)
+        better = tried.value < state.value
+        finished = better & (state.value - tried.value < tolerance * state.value)
+        damping = torch.where(
+            better,
+            (DAMPING_DOWN * damping).clamp(min=DAMPING_MIN),
+            (DAMPING_UP * damping).clamp(max=DAMPING_MAX),
+        )
+        waits = lobes.axes.is_cuda  # then every decision stays on the device
+        if waits or bool(better.any()):
+            state = tried if not waits and bool(better.all()) else _chosen(better, tried, state)
+            equations = None
         if on_step is not None:
             on_step(state.shown.lobes)
-        if before - state.value <= tolerance * before:
+        if not waits and bool((finished | (damping >= DAMPING_MAX)).all()):
             break
-    return Outcome(state.shown.lobes, state.value, min(damping, DAMPING_MAX))
+    return Outcome(state.shown.lobes, state.value, damping)
 
 
 def _judged(lobes: Lobes, frame: objective.Target, priors: Sequence[temporal.Prior]) -> _State:
-    shown = lobe_images.images(lobes, frame.grid)
-    value = float(objective.value(shown.radiance, frame))
-    value += sum(temporal.value(lobes, prior) for prior in priors)
-    return _State(shown, value)
+    shown = lobe_images.images(lobes, frame.places)
+    found = objective.misfit(shown.radiance, frame)
+    value = found.value
+    for prior in priors:
+        value = value + temporal.value(lobes, prior)
+    return _State(shown, found, value)
 
 
-def normal_equations(shown: Images, frame: objective.Target) -> tuple[Tensor, Tensor]:
+def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
+    """Return for each frame one state or the other."""
+
+    def of(new: Tensor, old: Tensor) -> Tensor:
+        return torch.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+    new, old = tried.shown, before.shown
+    lobes = replace(
+        new.lobes,
+        axes=of(new.lobes.axes, old.lobes.axes),
+        sharpness=of(new.lobes.sharpness, old.lobes.sharpness),
+        amplitude=of(new.lobes.amplitude, old.lobes.amplitude),
+    )
+    values = of(new.values, old.values)
+    same = new.gaussian is new.values
+    gaussian = values if same else of(new.gaussian, old.gaussian)
+    pairs = zip(tried.misfit.probe_weights, before.misfit.probe_weights, strict=True)
+    found = Misfit(
+        of(tried.misfit.value, before.misfit.value),
+        of(tried.misfit.slope, before.misfit.slope),
+        of(tried.misfit.env_weight, before.misfit.env_weight),
+        tuple(of(*pair) for pair in pairs),
+    )
+    shown = Images(lobes, values, gaussian, of(new.scale, old.scale))
+    return _State(shown, found, of(tried.value, before.value))
+
+
+def _equations(
+    state: _State, frame: objective.Target, priors: Sequence[temporal.Prior]
+) -> tuple[Tensor, Tensor]:
+    hessian, gradient = normal_equations(state.shown, state.misfit, frame)
+    for prior in priors:
+        temporal.add_curvature(hessian, gradient, state.shown.lobes, prior)
+    return hessian, gradient
+
+
+def normal_equations(
+    shown: Images, found: Misfit, frame: objective.Target
+) -> tuple[Tensor, Tensor]:
     """Return the Gauss-Newton matrix and the gradient of J.
 
     Args:
-        shown: The lobes on the frame's grid.
-        frame: The map and its weights.
+        shown: The lobes on the frames' leaves.
+        found: J of what they show.
+        frame: The maps and their weights.
 
     Returns:
-        H [8 N, 8 N] and g [8 N] in float64, unknowns of a lobe together, shape before light.
+        H [F, 8 N, 8 N] and g [F, 8 N] in float64, unknowns of a lobe together, shape before light.
     """
-    lobes, fine = shown.lobes, frame.grid
-    misfit = objective.misfit(shown.radiance, frame)
-    cells = grid(coarser(frame.height, CELL_ROWS), str(lobes.axes.device))
-    near = lobe_images.near_columns(lobes, fine, cells.height)
-    gradient = lobe_images.slopes(shown, near, misfit.slope, fine).double().reshape(-1)
-    columns = lobe_images.cell_columns(lobes, near, fine, cells)
-    gram = (columns * cell_sums(misfit.env_weight, fine.height, cells.height)) @ columns.mT
-    if len(near.lobe):
-        rows = (near.lobe[:, None] * COLUMNS + torch.arange(COLUMNS).to(near.lobe)).flatten()
-        sharp = near.columns.flatten(0, 1)
-        gram[rows[:, None], rows] = (sharp * misfit.env_weight[near.texel]) @ sharp.mT
-    for view, curvature in zip(probe(columns, cells.height), misfit.probe_weights, strict=True):
-        gram += (view * curvature) @ view.mT
+    lobes, places = shown.lobes, frame.places
+    cells = grid(coarser(places.rows, CURVATURE_ROWS), str(lobes.axes.device))
+    sizes = [rows for rows, _, _ in places.levels]
+    seen = lobe_images.footprint(lobes, [*sizes, cells.height])
+    of_leaves = Footprint(seen.exponent[:-1], seen.derivatives[:-1])
+    gradient = lobe_images.slopes(shown, of_leaves, found.slope, places).double().flatten(1)
+    coarse = lobe_images.columns(lobes, seen, -1, cells.monomials)
+    weight = cell_sums(found.env_weight[:, : places.count], places.rows, cells.height)
+    gram = (coarse * weight[:, None]) @ coarse.mT
+    for level, (_, monomials, place) in list(enumerate(places.levels))[1:]:
+        sharp = lobe_images.columns(lobes, seen, level, monomials)
+        sharp = sharp * shown.scale.repeat_interleave(COLUMNS, -1)[..., None]
+        gram += (sharp * found.env_weight[:, None, place]) @ sharp.mT
+    for view, curvature in zip(probe(coarse, cells.height), found.probe_weights, strict=True):
+        gram += (view * curvature[:, None]) @ view.mT
     return _chain(gram.double(), lobes.amplitude.double()), gradient
 
 
 def _chain(gram: Tensor, amplitude: Tensor) -> Tensor:
     """Go from columns to unknowns: a shape unknown moves each channel by the lobe's amplitude."""
-    count = amplitude.shape[0]
-    blocks = gram.reshape(count, COLUMNS, count, COLUMNS)
-    shape_light = torch.einsum("ikj,ic->ikjc", blocks[:, 1:, :, 0], amplitude)
-    hessian = gram.new_zeros(count, UNKNOWNS, count, UNKNOWNS)
-    hessian[:, :5, :, :5] = blocks[:, 1:, :, 1:] * (amplitude @ amplitude.mT)[:, None, :, None]
-    hessian[:, :5, :, 5:] = shape_light
-    hessian[:, 5:, :, :5] = shape_light.permute(2, 3, 0, 1)
+    frames, count, _ = amplitude.shape
+    blocks = gram.reshape(frames, count, COLUMNS, count, COLUMNS)
+    shape_light = blocks[:, :, 1:, :, :1] * amplitude[:, :, None, None]  # [F, N, 5, N, 3]
+    hessian = gram.new_zeros(frames, count, UNKNOWNS, count, UNKNOWNS)
+    both = (amplitude @ amplitude.mT)[:, :, None, :, None]
+    hessian[:, :, :5, :, :5] = blocks[:, :, 1:, :, 1:] * both
+    hessian[:, :, :5, :, 5:] = shape_light
+    hessian[:, :, 5:, :, :5] = shape_light.permute(0, 3, 4, 1, 2)
     for channel in range(5, 8):
-        hessian[:, channel, :, channel] = blocks[:, 0, :, 0]
-    return hessian.reshape(count * UNKNOWNS, count * UNKNOWNS)
+        hessian[:, :, channel, :, channel] = blocks[:, :, 0, :, 0]
+    return hessian.reshape(frames, count * UNKNOWNS, count * UNKNOWNS)
 
 
-def _solve(hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: float) -> Tensor:
-    """Solve the damped system; unknowns at a bound that would cross it stay.  [N, 8]."""
-    step_gradient = gradient.reshape(lobes.count, UNKNOWNS)
-    held = torch.zeros_like(step_gradient, dtype=torch.bool)
-    held[:, 2:4] = (lobes.sharpness <= asg.SHARPNESS_MIN) & (step_gradient[:, 2:4] > 0)
-    held[:, 5:] = (lobes.amplitude <= 0) & (step_gradient[:, 5:] > 0)
-    free = ~held.reshape(-1)
-    diagonal = torch.diagonal(hessian)
+def _solve(hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor) -> Tensor:
+    """Solve the damped systems; unknowns at a bound that would cross it stay.  [F, N, 8]."""
+    ahead = gradient.reshape(-1, lobes.count, UNKNOWNS)
+    held = torch.zeros_like(ahead, dtype=torch.bool)
+    held[..., 2:4] = (lobes.sharpness <= asg.SHARPNESS_MIN) & (ahead[..., 2:4] > 0)
+    held[..., 5:] = (lobes.amplitude <= 0) & (ahead[..., 5:] > 0)
+    free = ~held.flatten(1)
+    diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
+    largest = diagonal.amax(-1, keepdim=True).clamp(min=1e-300)
     # unknowns that nothing in the map sees get unit curvature, far above their gradient of 0
-    curvature = torch.where(
-        diagonal > 1e-12 * diagonal.max(), diagonal, diagonal.max().clamp(min=1e-300)
-    )
-    matrix = torch.where(free[:, None] & free[None, :], hessian, 0.0)
-    matrix = matrix + torch.diag(torch.where(free, damping * curvature, 1.0))
+    curvature = torch.where(diagonal > 1e-12 * largest, diagonal, largest)
+    matrix = hessian * (free[:, :, None] & free[:, None, :])
     # scaled to unit diagonal: sharpness and radiance differ by ten orders of magnitude
-    scale = torch.diagonal(matrix).clamp(min=1e-300).rsqrt()
-    scaled = matrix * scale[:, None] * scale[None, :]
+    added = torch.where(free, damping[:, None] * curvature, 1.0)
+    scale = (torch.diagonal(matrix, dim1=-2, dim2=-1) + added).clamp(min=1e-300).rsqrt()
+    scaled = matrix * scale[:, :, None] * scale[:, None, :]
+    torch.diagonal(scaled, dim1=-2, dim2=-1).add_(added * scale.square())
     right = torch.where(free, -gradient, 0.0) * scale
     factor, failed = torch.linalg.cholesky_ex(scaled)
-    if int(failed):
-        return torch.zeros_like(step_gradient)
-    return (torch.cholesky_solve(right[:, None], factor)[:, 0] * scale).reshape(-1, UNKNOWNS)
+    step = torch.cholesky_solve(right[..., None], factor)[..., 0] * scale
+    step = torch.where((failed > 0)[:, None], 0.0, step)
+    return step.reshape(-1, lobes.count, UNKNOWNS)

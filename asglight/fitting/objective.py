@@ -10,15 +10,20 @@ One more K is the mean radiance; it weighs more than all else together, so no lo
 dark. phi(r) = sqrt(|r|^2 + eps^2) over RGB is the L1 norm with its corner rounded, so that the
 map's error weighs as the metrics weigh it and the curvature stays finite. Its quadratic majoriser
 has the weight 1 / phi: iteratively reweighted least squares.
+
+The map's error is taken on leaves (leaves.py): a cell's is the mean over the parts it is cut into,
+for lobes are smooth at its scale but the map is not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from asglight.fitting.grid import Grid, grid, spread
-from asglight.fitting.probes import PROBES, probe, probe_rows, pull, shares
+from asglight.fitting import leaves
+from asglight.fitting.grid import coarsen
+from asglight.fitting.leaves import Leaves
+from asglight.fitting.probes import PROBES, probe, pull, shares
 from asglight.shading import kernels
 
 ENV_WEIGHT = 0.5
@@ -29,6 +34,10 @@ SCALE_MIN = 1e-12
 EVEN_CORNER = 0.2
 """phi's corner for the mean radiance, of itself: wide, for a step may miss the flux by a percent,
 which the last scaling mends."""
+
+PART_ROWS = 128
+"""Rows of the grid of parts: the map's error on means over 1.4 degrees has the same minimum as on
+texels of 0.7."""
 
 
 @dataclass(frozen=True)
@@ -46,106 +55,168 @@ class Corners:
 
 @dataclass(frozen=True)
 class Target:
-    """One frame on one grid, with everything of J that does not depend on the lobes.
+    """F frames on their leaves, with everything of J that does not depend on the lobes.
 
     Attributes:
-        radiance: Reference on the grid.  [3, P]
-        height: Rows of the grid.
-        env_weight: w_env over mean |ref|.  []
-        env_corner: eps of the map.  []
-        probe_weight: w_k over mean |K_k ref| of each probe.  [K]
-        probe_corner: eps of each probe.  [K]
+        places: The leaves.
+        radiance: Reference on the leaves.  [F, 3, P]
+        parts: Reference on the K parts of each cell.  [F, K, 3, C]
+        env_scale: mean |ref|.  [F]
+        probe_scale: mean |K_k ref| of each probe.  [F, K']
+        corners: phi's corners.
     """
 
+    places: Leaves
     radiance: Tensor
-    height: int
-    env_weight: Tensor
-    env_corner: Tensor
-    probe_weight: Tensor
-    probe_corner: Tensor
+    parts: Tensor
+    env_scale: Tensor
+    probe_scale: Tensor
+    corners: Corners
 
     @property
-    def grid(self) -> Grid:
-        """The grid."""
-        return grid(self.height, str(self.radiance.device))
+    def env_corner(self) -> Tensor:
+        """Eps of the map.  [F]."""
+        return self.corners.env * self.env_scale
+
+    def probe_corner(self, index: int) -> Tensor:
+        """Return eps of a probe.  [F]."""
+        even = PROBES[index].kernel == kernels.EVEN
+        return (EVEN_CORNER if even else self.corners.probe) * self.probe_scale[:, index]
+
+    def repeated(self, count: int) -> "Target":
+        """Return one frame as many, for lobes that compete for it.  F = 1 -> F = count."""
+        tensors = {
+            name: value.expand(count, *value.shape[1:])
+            for name, value in vars(self).items()
+            if isinstance(value, Tensor)
+        }
+        return replace(self, places=self.places.repeated(count), **tensors)
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """How J changes with a reconstruction.
+    """J of a reconstruction, and how it changes.
 
     Attributes:
-        slope: dJ / d radiance.  [3, P]
-        env_weight: Weight of each texel's square in J's majoriser.  [P]
-        probe_weights: The same for each probe's views.  One [D] a probe.
+        value: J, less its constant: 0 for a perfect fit.  [F]
+        slope: dJ / d radiance.  [F, 3, P]
+        env_weight: Weight of each leaf's square in J's majoriser.  [F, P]
+        probe_weights: The same for each probe's views.  One [F, D] a probe.
     """
 
+    value: Tensor
     slope: Tensor
     env_weight: Tensor
     probe_weights: tuple[Tensor, ...]
 
 
-def target(reference: Tensor, corners: Corners = Corners()) -> Target:
-    """Prepare J for a map on its own grid.
+def target(reference: Tensor, corners: Corners = Corners(), places: Leaves | None = None) -> Target:
+    """Prepare J for maps.
 
     Args:
-        reference: Repaired radiance.  [H, 2 H, 3]
+        reference: Repaired radiance.  [F, 3, H * 2 H]
         corners: phi's corners.
+        places: The leaves; chosen by the map's detail if None.
     """
-    height = reference.shape[0]
-    radiance = reference.permute(2, 0, 1).reshape(3, -1).contiguous()
-    share = grid(height, str(reference.device)).share
-    mean = (share * radiance.norm(dim=0)).sum().clamp(min=SCALE_MIN)
-    device = str(reference.device)
-    scales = [
-        (share * view.norm(dim=0)).sum()
-        for view, share in zip(probe(radiance, height), shares(height, device), strict=True)
-    ]
-    scale = torch.stack(scales).clamp(min=SCALE_MIN)
-    weights = scale.new_tensor([p.weight for p in PROBES])
-    rounded = [EVEN_CORNER if p.kernel == kernels.EVEN else corners.probe for p in PROBES]
+    places = leaves.leaves(reference) if places is None else places
+    radiance = leaves.on_leaves(reference, places)
+    parts = _parts(reference, places)
+    texels = radiance[..., places.count :]
+    env_scale = (places.cell_share * _size(parts).mean(1)).sum(-1)
+    env_scale = env_scale + (places.texel_share * _size(texels)).sum(-1)
+    views = probe(leaves.to_cells(radiance, places), places.rows)
+    shared = shares(places.rows, str(reference.device))
+    scales = [(s * _size(view)).sum(-1) for view, s in zip(views, shared, strict=True)]
     return Target(
-        radiance=radiance,
-        height=height,
-        env_weight=ENV_WEIGHT / mean,
-        env_corner=corners.env * mean,
-        probe_weight=weights / scale,
-        probe_corner=scale.new_tensor(rounded) * scale,
+        places,
+        radiance,
+        parts,
+        env_scale.clamp(min=SCALE_MIN),
+        torch.stack(scales, dim=-1).clamp(min=SCALE_MIN),
+        corners,
     )
 
 
+def _parts(reference: Tensor, places: Leaves) -> Tensor:
+    """Return means over the parts of each cell.  [F, 3, H * 2 H] -> [F, K, 3, C]."""
+    finer = places.fine_rows // places.rows
+    most = max(1, PART_ROWS // places.rows)
+    factor = max(f for f in range(1, finer + 1) if finer % f == 0 and f <= most)
+    means = coarsen(reference, places.fine_rows, places.rows * factor)
+    blocks = means.unflatten(-1, (places.rows, factor, 2 * places.rows, factor))
+    return blocks.permute(0, 3, 5, 1, 2, 4).flatten(-2).flatten(1, 2).contiguous()
+
+
 def value(radiance: Tensor, frame: Target) -> Tensor:
-    """Return J, less its constant: 0 for a perfect fit.  radiance: [3, P]; result []."""
+    """Return J, less its constant: 0 for a perfect fit.  [F, 3, P] -> [F]."""
+    places, cells = frame.places, frame.places.count
+    part = phi(radiance[:, None, :, :cells] - frame.parts, frame.env_corner[:, None, None])
+    error = (places.cell_share * part.mean(1)).sum(-1)
     residual = radiance - frame.radiance
-    size = phi(residual, frame.env_corner)
-    total = frame.env_weight * ((frame.grid.share * size).sum() - frame.env_corner)
-    views = probe(residual, frame.height)
-    for index, share in enumerate(shares(frame.height, str(radiance.device))):
-        corner = frame.probe_corner[index]
-        size = phi(views[index], corner)
-        total = total + frame.probe_weight[index] * ((share * size).sum() - corner)
+    if places.texel.shape[-1]:
+        texel = phi(residual[..., cells:], frame.env_corner[:, None])
+        error = error + (places.texel_share * texel).sum(-1)
+    total = ENV_WEIGHT * (error / frame.env_scale - frame.corners.env)
+    shared = zip(_probed(residual, frame), _view_weights(frame), strict=True)
+    for index, (view, share) in enumerate(shared):
+        corner = frame.probe_corner(index)[:, None]
+        total = total + (share * (phi(view, corner) - corner)).sum(-1)
     return total
 
 
 def misfit(radiance: Tensor, frame: Target) -> Misfit:
-    """Return the slope of J and the weights of its majoriser for a reconstructed map."""
+    """Return J, its slope and the weights of its majoriser for reconstructions.  [F, 3, P]."""
+    places, cells = frame.places, frame.places.count
+    share = places.share * (ENV_WEIGHT / frame.env_scale)[:, None]
+    part = radiance[:, None, :, :cells] - frame.parts
+    size = phi(part, frame.env_corner[:, None, None])  # [F, K, C]
+    weight = share[:, None, :cells] / (size.shape[1] * size)
+    total = (share[:, :cells] * size.mean(1)).sum(-1) - ENV_WEIGHT * frame.corners.env
+    slope, env_weight = (part * weight[:, :, None]).sum(1), weight.sum(1)
     residual = radiance - frame.radiance
-    env_weight = frame.env_weight * frame.grid.share / phi(residual, frame.env_corner)
-    slope = residual * env_weight
-    by_rows: dict[int, Tensor] = {}
+    if places.texel.shape[-1]:
+        texels = residual[..., cells:]
+        size = phi(texels, frame.env_corner[:, None])
+        weight = share[:, cells:] / size
+        total = total + (share[:, cells:] * size).sum(-1)
+        slope = torch.cat([slope, texels * weight[:, None]], dim=-1)
+        env_weight = torch.cat([env_weight, weight], dim=-1)
     weights: list[Tensor] = []
-    views = probe(residual, frame.height)
-    for index, share in enumerate(shares(frame.height, str(radiance.device))):
-        size = phi(views[index], frame.probe_corner[index])
-        weights.append(frame.probe_weight[index] * share / size)
-        source, rows = PROBES[index], probe_rows(PROBES[index], frame.height)
-        pulled = pull(views[index] * weights[-1], source, rows)
-        by_rows[rows] = by_rows[rows] + pulled if rows in by_rows else pulled
-    for rows, pulled in by_rows.items():
-        slope = slope + spread(pulled, rows, frame.height)
-    return Misfit(slope, env_weight, tuple(weights))
+    pulled: list[Tensor] = []
+    shared = zip(_probed(residual, frame), _view_weights(frame), strict=True)
+    for index, (view, view_share) in enumerate(shared):
+        corner = frame.probe_corner(index)[:, None]
+        size = phi(view, corner)
+        total = total + (view_share * (size - corner)).sum(-1)
+        weights.append(view_share / size)
+        pulled.append(view * weights[-1][:, None])
+    slope = slope + leaves.from_cells(pull(tuple(pulled), places.rows), places)
+    return Misfit(total, slope, env_weight, tuple(weights))
 
 
-def phi(residual: Tensor, corner: Tensor | float) -> Tensor:
+def _probed(residual: Tensor, frame: Target) -> tuple[Tensor, ...]:
+    return probe(leaves.to_cells(residual, frame.places), frame.places.rows)
+
+
+def _view_weights(frame: Target) -> list[Tensor]:
+    """Return the weight of each view in J.  One [F, D] a probe."""
+    shared = shares(frame.places.rows, str(frame.radiance.device))
+    return [
+        share * (source.weight / frame.probe_scale[:, index])[:, None]
+        for index, (source, share) in enumerate(zip(PROBES, shared, strict=True))
+    ]
+
+
+def on_cells(images: Tensor, frame: Target) -> Tensor:
+    """Average images on the leaves over the cells.  [F, K, P] -> [F, K, C]."""
+    return leaves.to_cells(images, frame.places)
+
+
+def _size(images: Tensor) -> Tensor:
+    """Return the norm over RGB.  [..., 3, P] -> [..., P]."""
+    return images.square().sum(-2).sqrt()
+
+
+def phi(residual: Tensor, corner: Tensor) -> Tensor:
     """Return sqrt(|r|^2 + eps^2) over RGB.  [..., 3, P] -> [..., P]."""
     return (residual.square().sum(-2) + corner * corner).sqrt()

@@ -14,10 +14,12 @@ FIT_HEIGHT = 256
 class Preset(StrEnum):
     """How a fit is made."""
 
+    LIVE = "live"
+    """As `fast` with the fewest steps: follows a sequence while it plays."""
     FAST = "fast"
-    """EM start, Levenberg-Marquardt from coarse to fine (first_frame.py, following.py)."""
+    """EM start, Levenberg-Marquardt under narrowing corners (first_frame.py, following.py)."""
     BEST = "best"
-    """The same with several starts and more steps: up to 30 s for a first frame."""
+    """The same with several starts, splits and merges, and more steps: up to 30 s a first frame."""
     PAPER = "paper"
     """Clausen et al. 2024 as published (paper.py)."""
 

@@ -15,7 +15,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from asglight.fitting.grid import coarsen, coarser
+from asglight.fitting.grid import coarsen, coarser, spread
 from asglight.shading import kernels
 from asglight.sphere import latlong
 
@@ -79,23 +79,30 @@ def _stacked_spectra(sharing: tuple[Probe, ...], rows: int, device: str) -> Tens
     return torch.cat([_spectra(p, rows, device) for p in sharing], dim=1)
 
 
-def pull(views: Tensor, source: Probe, rows: int) -> Tensor:
-    """Apply the transpose of a probe.
+def pull(views: tuple[Tensor, ...], height: int) -> Tensor:
+    """Apply the transpose of `probe`.
 
     Args:
-        views: A number for each view.  [..., D]
-        source: The probe.
-        rows: Rows of the grid that it filters.
+        views: A number for each view of each probe.  One [..., D] a probe
+        height: Rows of the grid that was probed.
 
     Returns:
-        On that grid.  [..., P']
+        On that grid.  [..., P]
     """
-    stride = _stride(source, rows)
-    rings = views.new_zeros(*views.shape[:-1], source.rings, 2 * rows)
-    rings[..., ::stride] = views.unflatten(-1, (source.rings, -1))
-    weights = _spectra(source, rows, str(views.device))
-    spectrum = _between_rows(weights.mT, torch.fft.rfft(rings))
-    return torch.fft.irfft(spectrum, 2 * rows).flatten(-2)
+    given = dict(zip(PROBES, views, strict=True))
+    total = views[0].new_zeros(*views[0].shape[:-1], 2 * height * height)
+    for rows in {probe_rows(p, height) for p in PROBES}:
+        sharing = tuple(p for p in PROBES if probe_rows(p, height) == rows)
+        rings = total.new_zeros(*total.shape[:-1], sum(p.rings for p in sharing), 2 * rows)
+        first = 0
+        for source in sharing:
+            placed = rings[..., first : first + source.rings, :: _stride(source, rows)]
+            placed.copy_(given[source].unflatten(-1, (source.rings, -1)))
+            first += source.rings
+        weights = _stacked_spectra(sharing, rows, str(total.device))
+        spectrum = _between_rows(weights.mT, torch.fft.rfft(rings))
+        total += spread(torch.fft.irfft(spectrum, 2 * rows).flatten(-2), rows, height)
+    return total
 
 
 def _between_rows(weights: Tensor, spectrum: Tensor) -> Tensor:

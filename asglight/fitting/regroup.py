@@ -14,9 +14,10 @@ import math
 import torch
 from torch import Tensor
 
-from asglight.fitting import light, lobe_images, newton, objective
+from asglight.fitting import lobe_images, newton, objective
 from asglight.fitting.coordinates import BROAD, UNKNOWNS
 from asglight.lobes import Form, Lobes
+from asglight.lobes.data import stack
 from asglight.lobes.frames import orthonormal
 
 OFFSET = 0.6
@@ -25,11 +26,11 @@ OFFSET = 0.6
 HALF_LIGHT = 0.5 / math.sqrt(1 - OFFSET**2)
 """Amplitude of a half, of the whole's: it is narrower, and the two keep the flux."""
 
-FIRST_STEPS, STEPS = 4, 10
-"""Steps of a trial, and of one that looks well after the first."""
+STEPS = 12
+"""Steps of a trial."""
 
-HOPEFUL = 1.15
-"""J after the first steps, over that of the lobes as they were, up to which a trial goes on."""
+TRIALS = 4
+"""Splits that compete in a round."""
 
 GAIN = 1e-3
 """Share of J that a trial must gain: less is what more steps would bring as well."""
@@ -39,53 +40,53 @@ RIDGE = 1e-3
 
 
 def regroup(
-    start: newton.Outcome, frame: objective.Target, trials: int, width_min: float
+    start: newton.Outcome, frame: objective.Target, rounds: int, width_min: float
 ) -> newton.Outcome:
-    """Try splits, the worst lobe first, until all fail or the trials are used up.
+    """Try splits, the worst lobes first, until all fail or the rounds are over.
 
     Args:
-        start: A fit on the frame's grid.
+        start: A fit of one frame.
         frame: The map and its weights.
-        trials: At most.
+        rounds: At most; `TRIALS` splits compete in each.
         width_min: Sigma of the narrowest lobe allowed, radians.
     """
     if start.lobes.count < 2:
         return start
-    best = newton.minimise(start.lobes, frame, 2 * STEPS, width_min=width_min)
-    order, spare = _order(best.lobes, frame)
-    for _ in range(trials):
-        if not order:
+    best = newton.minimise(start.lobes, frame, STEPS, width_min=width_min)
+    tried: set[tuple[int, int, int]] = set()
+    for _ in range(rounds):
+        splits = [split for split in _order(best.lobes, frame) if split not in tried][:TRIALS]
+        if not splits:
             break
-        lobe, axis = order.pop(0)
-        gone = min((cost, index) for index, cost in enumerate(spare) if index != lobe)[1]
-        tried = light.relight(halved(best.lobes, lobe, gone, axis), frame)
-        found = newton.minimise(tried, frame, FIRST_STEPS, width_min=width_min)
-        if found.value < HOPEFUL * best.value:
-            found = newton.minimise(
-                found.lobes, frame, STEPS, damping=found.damping, width_min=width_min
-            )
-        if found.value < (1 - GAIN) * best.value:
-            best = found
-            order, spare = _order(best.lobes, frame)
+        tried.update(splits)
+        halves = stack([halved(best.lobes[0], *split) for split in splits])
+        found = newton.minimise(halves, frame.repeated(len(splits)), STEPS, width_min=width_min)
+        found = found.best()
+        if float(found.value) < (1 - GAIN) * float(best.value):
+            best, tried = found, set()
     return best
 
 
-def _order(lobes: Lobes, frame: objective.Target) -> tuple[list[tuple[int, int]], list[float]]:
-    """Return the splits to try, lobe and axis, and what each lobe's absence costs."""
-    shown = lobe_images.images(lobes, frame.grid)
-    error = objective.phi(shown.radiance - frame.radiance, frame.env_corner) - frame.env_corner
-    sent = shown.values * lobes.amplitude.sum(-1, keepdim=True)
+def _order(lobes: Lobes, frame: objective.Target) -> list[tuple[int, int, int]]:
+    """Return the splits to try: which lobe, which goes, and along which axis."""
+    shown = lobe_images.images(lobes, frame.places)
+    error = objective.phi(shown.radiance - frame.radiance, frame.env_corner[:, None])
+    sent = shown.values[0] * lobes.amplitude[0].sum(-1, keepdim=True)
     taken = sent / sent.sum(0).clamp(min=torch.finfo(torch.float32).tiny)
-    own = taken @ (frame.grid.share * error)
+    own = taken @ (frame.places.share * (error - frame.env_corner))[0]
     axes = 1 if lobes.form is Form.SG else 2
-    worst_first = own.argsort(descending=True).tolist()
-    splits = [(lobe, axis) for lobe in worst_first for axis in range(axes)]
-    return splits, absence_costs(shown, frame).tolist()
+    cheapest = absence_costs(shown, frame).argsort().tolist()
+    return [
+        (lobe, next(index for index in cheapest if index != lobe), axis)
+        for lobe in own.argsort(descending=True).tolist()
+        for axis in range(axes)
+    ]
 
 
 def absence_costs(shown: lobe_images.Images, frame: objective.Target) -> Tensor:
-    """Return how much J grows, to second order, when a lobe is taken away.  [N]."""
-    hessian, _ = newton.normal_equations(shown, frame)
+    """Return how much J of one frame grows, to second order, when a lobe is taken away.  [N]."""
+    found = objective.misfit(shown.radiance, frame)
+    hessian = newton.normal_equations(shown, found, frame)[0][0]
     count = shown.lobes.count
     diagonal = torch.diagonal(hessian)
     scale = diagonal.clamp(min=1e-12 * float(diagonal.max())).rsqrt()
@@ -93,7 +94,7 @@ def absence_costs(shown: lobe_images.Images, frame: objective.Target) -> Tensor:
     inverse = torch.linalg.inv(scaled) * scale[:, None] * scale
     blocks = inverse.reshape(count, UNKNOWNS, count, UNKNOWNS)
     own = torch.stack([blocks[i, 5:, i, 5:] for i in range(count)])  # [N, 3, 3]
-    amplitude = shown.lobes.amplitude.double()[..., None]
+    amplitude = shown.lobes.amplitude[0].double()[..., None]
     return 0.5 * (amplitude.mT @ torch.linalg.solve(own, amplitude)).flatten()
 
 

@@ -9,16 +9,24 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import following, paper
-from asglight.fitting.first_frame import BEST, FAST, FrameFit, fit_first_frame, mean_radiance
+from asglight.fitting import first_frame, following, paper
+from asglight.fitting.first_frame import FrameFit, fit_first_frame, mean_radiance
 from asglight.fitting.following import fit_next_frame
 from asglight.fitting.options import FitOptions, Preset
 from asglight.lobes import Lobes, asg
 from asglight.lobes.frames import canonical
 
-_EFFORT = {Preset.FAST: FAST, Preset.BEST: BEST}
+_EFFORT = {
+    Preset.LIVE: first_frame.LIVE,
+    Preset.FAST: first_frame.FAST,
+    Preset.BEST: first_frame.BEST,
+}
 
-_PACE = {Preset.FAST: following.FAST, Preset.BEST: following.BEST}
+_PACE = {
+    Preset.LIVE: following.LIVE,
+    Preset.FAST: following.FAST,
+    Preset.BEST: following.BEST,
+}
 
 StepCallback = Callable[[int, int, float], None]
 """Called with the step, the number of steps and the loss, where a frame takes long."""
@@ -42,7 +50,7 @@ def fit_frame(
     """
     if options.preset is Preset.PAPER:
         return _paper_frame(reference, options, previous, on_step)
-    with _one_thread():
+    with one_thread():
         if previous is not None:
             return fit_next_frame(reference, previous, earlier, _PACE[options.preset])
         first = fit_first_frame(reference, options.lobes, options.form, _EFFORT[options.preset])
@@ -50,7 +58,7 @@ def fit_frame(
 
 
 @contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """Compute on one thread of the processor: a step's tensors are too small to share.
 
     A second thread gains nothing, and where other programs run the two wait for each other. Reading

@@ -41,9 +41,9 @@ class Prior:
     """Where the lobes were, and how much each unknown's motion weighs.
 
     Attributes:
-        lobes: The frame before.  [N, .]
-        share: gamma times the lobes' flux shares.  [N]
-        scale: Size of one unit of each unknown: tilt 2, widths 2, turn 1, light 3.  [N, 8]
+        lobes: The frame before.  [F, N, .]
+        share: gamma times the lobes' flux shares.  [F, N]
+        scale: Size of one unit of each unknown: tilt 2, widths 2, turn 1, light 3.  [F, N, 8]
     """
 
     lobes: Lobes
@@ -52,22 +52,22 @@ class Prior:
 
 
 def prior(lobes: Lobes, gamma: float = GAMMA) -> Prior:
-    """Hold lobes where they are.  [N, .]."""
+    """Hold lobes where they are.  [F, N, .]."""
     flux = asg.flux(lobes).sum(-1)
-    share = gamma * flux / flux.sum().clamp(min=1e-37)
+    share = gamma * flux / flux.sum(-1, keepdim=True).clamp(min=1e-37)
     factor = 1.0 if lobes.form is Form.SG else 2.0
-    width = (factor * lobes.sharpness).rsqrt().clamp(max=TILT_UNIT_MAX)  # [N, 2]
+    width = (factor * lobes.sharpness).rsqrt().clamp(max=TILT_UNIT_MAX)  # [F, N, 2]
     shifted = lobes.sharpness + BROAD
     long = (shifted.amax(-1) / shifted.amin(-1)).sqrt() - shifted.amin(-1) / shifted.amax(-1)
-    light = lobes.amplitude.amax(-1, keepdim=True).clamp(min=DARK_UNIT).expand(-1, 3)
+    light = lobes.amplitude.amax(-1, keepdim=True).clamp(min=DARK_UNIT).expand_as(lobes.amplitude)
     ones = torch.ones_like(width)
     # a round lobe's turn is no motion: it gets a large unit
-    scale = torch.cat([width, ones, 1 / long.clamp(min=0.1)[:, None], light], dim=-1)
+    scale = torch.cat([width, ones, 1 / long.clamp(min=0.1)[..., None], light], dim=-1)
     return Prior(lobes, share, scale)
 
 
 def displacement(lobes: Lobes, held: Prior) -> Tensor:
-    """Return delta of each lobe.  [N, 8]."""
+    """Return delta of each lobe.  [F, N, 8]."""
     before = held.lobes
     tilt = torch.stack(
         [(lobes.axis_z * before.axis_x).sum(-1), (lobes.axis_z * before.axis_y).sum(-1)], dim=-1
@@ -78,19 +78,19 @@ def displacement(lobes: Lobes, held: Prior) -> Tensor:
     return torch.cat([tilt, widths, turn, light], dim=-1) / held.scale
 
 
-def value(lobes: Lobes, held: Prior) -> float:
-    """Return T."""
+def value(lobes: Lobes, held: Prior) -> Tensor:
+    """Return T.  [F]."""
     delta = displacement(lobes, held)
-    return float((held.share * (delta.square().sum(-1) + CORNER**2).sqrt()).sum())
+    return (held.share * (delta.square().sum(-1) + CORNER**2).sqrt()).sum(-1)
 
 
 def add_curvature(hessian: Tensor, gradient: Tensor, lobes: Lobes, held: Prior) -> None:
-    """Add T's majoriser to the normal equations in place.  [8 N, 8 N], [8 N]."""
+    """Add T's majoriser to the normal equations in place.  [F, 8 N, 8 N], [F, 8 N]."""
     delta = displacement(lobes, held)
-    weight = held.share / (delta.square().sum(-1) + CORNER**2).sqrt()
-    curvature = (weight[:, None] / held.scale.square()).double()
-    torch.diagonal(hessian).add_(curvature.reshape(-1))
-    gradient.add_((weight[:, None] * delta / held.scale).double().reshape(-1))
+    weight = (held.share / (delta.square().sum(-1) + CORNER**2).sqrt())[..., None]
+    curvature = (weight / held.scale.square()).double()
+    torch.diagonal(hessian, dim1=-2, dim2=-1).add_(curvature.flatten(1))
+    gradient.add_((weight * delta / held.scale).double().flatten(1))
 
 
 def is_dark(lobes: Lobes) -> Tensor:

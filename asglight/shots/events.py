@@ -67,13 +67,26 @@ class FrameDone:
 
 
 @dataclass(frozen=True)
+class Refined:
+    """Some more frames were fitted between both neighbours, in the pass over the whole shot.
+
+    Attributes:
+        done: Frames so far.
+        frames: Frames of the shot.
+    """
+
+    done: int
+    frames: int
+
+
+@dataclass(frozen=True)
 class Notice:
     """One line that the user should see; nothing stops."""
 
     text: str
 
 
-Event = Started | StepDone | FrameDone | Notice
+Event = Started | StepDone | FrameDone | Refined | Notice
 OnProgress = Callable[[Event], None]
 
 

@@ -26,6 +26,7 @@ from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
 from asglight.shots.events import FrameDone, Notice, OnProgress, Started, StepDone, ignore
 from asglight.shots.reading import ReadFrame, read_ahead, stamp_of
 from asglight.shots.records import FrameRecord
+from asglight.shots.refining import refined
 from asglight.shots.settings import (
     Representation,
     check_fps,
@@ -111,10 +112,11 @@ def fit_shot(
         for record in _fit_frames(sequence, options, checkpoint.records, on_progress):
             checkpoint.append(record)
             on_progress(_frame_done(checkpoint.records, resumed, len(sequence)))
-        tracks = tracks_from(checkpoint.records, sequence, options, fps)
+        records = refined(checkpoint.records, sequence, options, on_progress)
+        tracks = tracks_from(records, sequence, options, fps)
         written = write_usd(tracks, output, representation=representation)
         checkpoint.remove()
-    return ShotResult(tracks, tuple(checkpoint.records), resumed, written)
+    return ShotResult(tracks, tuple(records), resumed, written)
 
 
 def fit_sequence(
@@ -162,6 +164,7 @@ def fit_sequence(
     for record in _fit_frames(sequence, options, records, on_progress):
         records.append(record)
         on_progress(_frame_done(records, 0, len(sequence)))
+    records = refined(records, sequence, options, on_progress)
     return tracks_from(records, sequence, options, fps)
 
 

@@ -43,8 +43,9 @@ def test_fit_prints_progress_on_one_stream_and_the_result_on_the_other(
     stage = tmp_path / "shot.usdc"
     assert main(["fit", str(source), "-o", str(stage), "--lobes", "2", "--fps", "24000/1001"]) == 0
     out, err = capsys.readouterr()
-    assert err.count("\n") == 4
+    assert err.count("\n") == 5
     assert err.startswith("frame 1001 (1/4)  loss ")
+    assert err.endswith("refined 4/4\n")
     first, second = out.splitlines()
     assert first.startswith(f"{stage}: 2 lobes, 4 frames (1001-1004) at 23.976 fps, ")
     assert second.startswith("flux error: at most ")

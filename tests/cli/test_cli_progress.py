@@ -7,7 +7,7 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn
 
 from asglight.cli import printing, progress
 from asglight.images import Repair
-from asglight.shots.events import FrameDone, Notice, Started, StepDone
+from asglight.shots.events import FrameDone, Notice, Refined, Started, StepDone
 
 FRAME = FrameDone(1001, 1, 48, 0.412, 1e-4, 0.4, 18.8, Repair(negative=3))
 
@@ -32,6 +32,11 @@ def test_a_frame_that_was_damaged_or_missing_says_so(repair: Repair) -> None:
 def test_a_notice_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     progress.Lines()(Notice("mind the gap"))
     assert capsys.readouterr().err == "asglight: mind the gap\n"
+
+
+def test_refined_frames_are_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    progress.Lines()(Refined(16, 48))
+    assert capsys.readouterr().err == "refined 16/48\n"
 
 
 def test_a_slow_frame_gives_a_line_now_and_then(
@@ -69,6 +74,8 @@ def test_the_bar_shows_the_same_numbers() -> None:
         shown.refresh()
         assert "frame 1001  step 3/9  loss 0.5" in screen.getvalue()
         bar(FRAME)
+        bar(Refined(16, 48))
+        bar(Refined(32, 48))
         assert list(bar.follow("ab", "judging", 2)) == ["a", "b"]
         shown.refresh()
     text = screen.getvalue()
@@ -76,6 +83,8 @@ def test_the_bar_shows_the_same_numbers() -> None:
     assert progress.frame_numbers(FRAME) in text
     assert "judging" in text
     assert "2/2" in text
+    assert "refining" in text
+    assert "32/48" in text
 
 
 def test_a_terminal_gets_the_bar_and_a_file_gets_lines(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,6 +10,7 @@ from lobe_cases import DOUBLE, random_lobes
 from asglight.fitting import coordinates
 from asglight.fitting.coordinates import BROAD, UNKNOWNS, advance
 from asglight.lobes import Form, Lobes, asg, texels
+from asglight.lobes.data import stack
 
 
 def _step(count: int, **moves: float) -> torch.Tensor:
@@ -90,6 +91,97 @@ def test_shear_is_the_matrix_that_the_coordinates_say() -> None:
     expected = lobes.axes[:, :2].mT @ inside @ lobes.axes[:, :2]
     torch.testing.assert_close(_shifted_matrix(moved), expected)
     assert float((moved.axis_x * lobes.axis_x).sum(-1).min()) >= 0.5**0.5  # x stays nearest to x
+
+
+def _sheared(shifted: torch.Tensor, shape: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return eigenvalues and x of D^1/2 exp(E) D^1/2 by `eigh`, x nearest to x.  [N, 2] twice."""
+    first, second, beside = shape.unbind(-1)
+    change = torch.stack([first, beside, beside, second], dim=-1).unflatten(-1, (2, 2))
+    root = torch.diag_embed(shifted.sqrt())
+    values, vectors = torch.linalg.eigh(root @ torch.linalg.matrix_exp(change) @ root)
+    swap = vectors[:, 0, 1].abs() > vectors[:, 0, 0].abs()
+    near = torch.where(swap[:, None], vectors[:, :, 1], vectors[:, :, 0])
+    values = torch.where(swap[:, None], values.flip(-1), values)
+    return values, near * torch.where(near[:, :1] < 0, -1.0, 1.0)
+
+
+@pytest.mark.parametrize("form", [Form.ASG, Form.BINGHAM])
+def test_shear_is_that_of_a_matrix_exponential_and_an_eigensolver(form: Form) -> None:
+    generator = torch.Generator().manual_seed(11)
+    lobes = random_lobes(form, count=200, seed=2)
+    ratio = 0.42 + 1.9 * torch.rand(200, generator=generator, dtype=DOUBLE)  # of round lobes
+    shifted = torch.stack([10 * ratio, torch.full_like(ratio, 10)], dim=-1)
+    lobes = Lobes(lobes.axes, shifted - BROAD, lobes.amplitude, form)
+    assert bool(coordinates.is_round(lobes).all())
+    shape = 2 * torch.rand(200, 3, generator=generator, dtype=DOUBLE) - 1  # within SHAPE_MAX
+    light = torch.zeros(200, 3, dtype=DOUBLE)
+    moved = advance(lobes, torch.cat([torch.zeros(200, 2), shape, light], dim=-1))
+    values, near = _sheared(shifted, shape)
+    assert float((near[:, 0].square() - 0.5).abs().min()) > 1e-4  # none between x and y
+    torch.testing.assert_close(moved.sharpness, values - BROAD)
+    expected = near[:, :1] * lobes.axis_x + near[:, 1:] * lobes.axis_y
+    torch.testing.assert_close(moved.axis_x, expected)
+    torch.testing.assert_close(moved.axis_z, lobes.axis_z)
+
+
+def test_shear_of_a_round_lobe_lies_between_its_axes() -> None:
+    lobes = random_lobes(Form.ASG, count=3)
+    round_ = torch.full((3, 2), 7.0, dtype=DOUBLE)
+    lobes = Lobes(lobes.axes, round_ - BROAD, lobes.amplitude, lobes.form)
+    for turn in (-0.3, 0.3):
+        moved = advance(lobes, _step(3, turn=turn))
+        # exp([[0, e], [e, 0]]) stretches by e^+-e along the diagonals
+        expected = torch.tensor([7 * math.exp(0.3), 7 * math.exp(-0.3)], dtype=DOUBLE) - BROAD
+        torch.testing.assert_close(
+            moved.sharpness.sort(descending=True).values, expected.repeat(3, 1)
+        )
+        inside = lobes.axes[:, :2].mT @ torch.tensor(
+            [[math.cosh(0.3), math.sinh(turn)], [math.sinh(turn), math.cosh(0.3)]], dtype=DOUBLE
+        )
+        torch.testing.assert_close(_shifted_matrix(moved), 7 * inside @ lobes.axes[:, :2])
+    for still in (0.0, 1e-9):  # in float32, where its square is none
+        single = lobes.to(torch.float32)
+        moved = advance(single, _step(3, turn=still))
+        torch.testing.assert_close(_shifted_matrix(moved), _shifted_matrix(single))
+
+
+@pytest.mark.parametrize("form", list(Form))
+def test_lobes_of_a_batch_move_as_they_would_alone(form: Form) -> None:
+    generator = torch.Generator().manual_seed(5)
+    frames = [random_lobes(form, count=6, seed=seed) for seed in range(6)]
+    step = 0.4 * torch.randn(6, 6, UNKNOWNS, generator=generator, dtype=DOUBLE)
+    was = random_lobes(form, count=36, seed=9).axis_z.reshape(6, 6, 3)
+    cosine = torch.linspace(-1, 0.9999, 36, dtype=DOUBLE).reshape(6, 6)
+    alone = [
+        advance(lobes, own, 0.1, coordinates.Leash(*leash))
+        for lobes, own, *leash in zip(frames, step, was, cosine, strict=True)
+    ]
+    batch = stack(frames)
+    axes, sharpness, amplitude = (
+        value.unflatten(0, (2, 3)) for value in (batch.axes, batch.sharpness, batch.amplitude)
+    )
+    leash = coordinates.Leash(was.unflatten(0, (2, 3)), cosine.unflatten(0, (2, 3)))
+    moved = advance(Lobes(axes, sharpness, amplitude, form), step.unflatten(0, (2, 3)), 0.1, leash)
+    expected = stack(alone)
+    for name in ("axes", "sharpness", "amplitude"):
+        found = getattr(moved, name)
+        assert found.shape[:3] == (2, 3, 6)
+        torch.testing.assert_close(found.flatten(0, 1), getattr(expected, name))
+
+
+def test_a_leash_holds_a_lobe_within_its_angle() -> None:
+    lobes = random_lobes(Form.ASG, count=4)
+    far = random_lobes(Form.ASG, count=4, seed=3).axis_z
+    angle = torch.tensor([0.01, 0.5, 1.5, math.pi], dtype=DOUBLE)
+    moved = advance(lobes, _step(4), leash=coordinates.Leash(far, angle.cos()))
+    between = torch.acos((moved.axis_z * far).sum(-1))
+    before = torch.acos((lobes.axis_z * far).sum(-1))
+    assert bool((before[:2] > angle[:2]).all())
+    torch.testing.assert_close(between, torch.minimum(before, angle))
+    # along the great circle: in the plane of both
+    normal = torch.linalg.cross(lobes.axis_z, far)
+    across = (moved.axis_z * normal).sum(-1)
+    torch.testing.assert_close(across, torch.zeros_like(across))
 
 
 def test_at_the_limit_of_round_both_coordinates_move_the_lobe_equally_fast() -> None:

@@ -97,7 +97,7 @@ def test_fit_does_not_depend_on_exposure(scale: float) -> None:
     reference = sky_and_sun(20.0)
     plain = fit_first_frame(reference, 6, Form.ASG)
     scaled = fit_first_frame(reference * scale, 6, Form.ASG)
-    assert scaled.loss == pytest.approx(plain.loss, rel=0.02)  # rounding may turn a step aside
+    assert scaled.loss == pytest.approx(plain.loss, rel=0.05)  # rounding may turn a step aside
     fluxes = (asg.flux(scaled.lobes) / scale).sum(0), asg.flux(plain.lobes).sum(0)
     torch.testing.assert_close(*fluxes, rtol=1e-3, atol=0)
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fitter's grid: monomials, averages onto cells against `latlong.reduce`, their transpose."""
+"""The fitter's grid: monomials, averages onto cells against `latlong.reduce`, what goes back."""
 
 import pytest
 import torch
 
-from asglight.fitting.grid import POWERS, cell_sums, coarsen, coarser, grid, spread
+from asglight.fitting.grid import POWERS, cell_sums, coarsen, coarser, grid, repeated, spread
 from asglight.sphere import latlong
 
 FACTORS = [(64, 32), (128, 32), (96, 32), (50, 25), (45, 15), (45, 9), (7, 1), (127, 1), (12, 12)]
@@ -80,6 +80,24 @@ def test_cell_sums_add_the_texels_of_each_cell(height: int, coarse: int) -> None
     factor = height // coarse
     blocks = images.reshape(3, coarse, factor, 2 * coarse, factor)
     assert torch.equal(cell_sums(images, height, coarse), blocks.sum((2, 4)).flatten(1))
+
+
+@pytest.mark.parametrize(("height", "coarse"), [(12, 4), (15, 5), (14, 7), (7, 1), (6, 6)])
+def test_repeated_gives_each_texel_the_value_of_its_cell(height: int, coarse: int) -> None:
+    cells = _images(coarse, 2, 3)
+    found = repeated(cells, coarse, height).unflatten(-1, (height, 2 * height))
+    factor = height // coarse
+    for row in range(height):
+        for column in range(2 * height):
+            cell = row // factor * 2 * coarse + column // factor
+            assert torch.equal(found[..., row, column], cells[..., cell])
+
+
+@pytest.mark.parametrize(("height", "coarse"), [(12, 4), (15, 5), (7, 1)])
+def test_repeated_is_the_transpose_of_cell_sums(height: int, coarse: int) -> None:
+    down = cell_sums(torch.eye(2 * height * height), height, coarse)  # ones and zeros: exact
+    up = repeated(torch.eye(2 * coarse * coarse), coarse, height)
+    assert torch.equal(up, down.mT)
 
 
 @pytest.mark.parametrize(

@@ -1,131 +1,242 @@
 # SPDX-License-Identifier: Apache-2.0
 """The loss against its definition in float64; its slope against autograd; its majoriser."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from lobe_cases import DOUBLE
+from torch import Tensor
 
 from asglight.fitting import objective, probes
+from asglight.fitting.leaves import Leaves, leaves, on_leaves
 from asglight.fitting.probes import PROBES
 from asglight.shading import kernels
 from asglight.sphere import latlong
 
 CORNERS = objective.Corners(env=0.3, probe=0.02)
 
+CASES = [(24, 64, 0), (50, 64, 0), (64, 64, 9), (64, 16, 5), (64, 16, 0), (256, 64, 20)]
+"""Rows of the map, rows of the cells wanted, refined cells. Parts are 128 rows, or the texels."""
+
+
+def _maps(height: int, seed: int = 0, count: int = 2) -> Tensor:
+    """Return maps with a few bright texels.  [F, H, 2 H, 3]."""
+    generator = torch.Generator().manual_seed(seed)
+    return 5 * torch.rand(count, height, 2 * height, 3, generator=generator) ** 4
+
+
+def _flat(maps: Tensor) -> Tensor:
+    """Go to channels first.  [F, H, W, 3] -> [F, 3, P]."""
+    return maps.flatten(1, 2).mT.contiguous()
+
+
+def _example(case: tuple[int, int, int]) -> tuple[Tensor, Leaves, Tensor]:
+    """Return two maps, their leaves, and reconstructions on the leaves."""
+    height, rows, refined = case
+    maps = _maps(height)
+    places = leaves(_flat(maps), rows, refined)
+    return maps, places, 1.2 * on_leaves(_flat(_maps(height, seed=1)), places)
+
 
 def _corner(source: probes.Probe) -> float:
     return objective.EVEN_CORNER if source.kernel == kernels.EVEN else CORNERS.probe
 
 
-def _map(height: int, seed: int = 0) -> torch.Tensor:
-    """Return radiances with a few bright texels.  [H, 2 H, 3]."""
-    generator = torch.Generator().manual_seed(seed)
-    return 5 * torch.rand(height, 2 * height, 3, generator=generator) ** 4
-
-
-def _channels_first(image: torch.Tensor) -> torch.Tensor:
-    return image.flatten(0, 1).mT.contiguous()
-
-
-def _term(fit: torch.Tensor, ref: torch.Tensor, share: torch.Tensor, corner: float) -> torch.Tensor:
+def _term(fit: Tensor, ref: Tensor, share: Tensor, corner: float) -> Tensor:
     """Return mean phi(fit - ref) / mean |ref|, less phi's value at 0.  [P, 3]."""
     scale = (share * ref.norm(dim=-1)).sum()
     size = ((fit - ref).square().sum(-1) + (corner * scale) ** 2).sqrt()
     return (share * size).sum() / scale - corner
 
 
-def _loss_by_definition(fit: torch.Tensor, ref: torch.Tensor) -> torch.Tensor:
-    """Return J of float64 maps [H, 2 H, 3], filtering with a sum over every texel."""
-    height = ref.shape[0]
-    share = latlong.texel_solid_angles(height, 2 * height, dtype=DOUBLE) / (4 * torch.pi)
-    total = objective.ENV_WEIGHT * _term(
-        fit.flatten(0, 1), ref.flatten(0, 1), share.reshape(-1), CORNERS.env
+def _shares(height: int) -> Tensor:
+    areas = latlong.texel_solid_angles(height, 2 * height, dtype=DOUBLE).reshape(height, 2 * height)
+    return areas / (4 * torch.pi)
+
+
+def _block(cell: int, rows: int, height: int) -> tuple[slice, slice]:
+    """Return the rows and columns of a map that a cell covers."""
+    factor, (row, column) = height // rows, divmod(cell, 2 * rows)
+    return (
+        slice(row * factor, (row + 1) * factor),
+        slice(column * factor, (column + 1) * factor),
     )
-    for source, share in zip(PROBES, probes.shares(height, "cpu"), strict=True):
-        rows = probes.probe_rows(source, height)
-        maps = torch.stack([latlong.reduce(image, rows, 2 * rows) for image in (fit, ref)])
-        directions = probes.directions(source, rows).double()
+
+
+def _loss_by_definition(fit: Tensor, ref: Tensor, rows: int, refined: list[int]) -> Tensor:
+    """Return J in float64.
+
+    Args:
+        fit: On cells, then on the texels of the refined ones.  [3, P]
+        ref: The map.  [H, 2 H, 3]
+        rows: Rows of the grid of cells.
+        refined: The refined cells.
+    """
+    height, count = ref.shape[0], 2 * rows**2
+    part_rows = min(128, height)
+    factor = part_rows // rows
+    parts = latlong.reduce(ref, part_rows, 2 * part_rows).reshape(rows, factor, 2 * rows, factor, 3)
+    parts = parts.permute(0, 2, 1, 3, 4).reshape(count, factor**2, 3)
+    plain = [cell for cell in range(count) if cell not in set(refined)]
+    # every part of a cell weighs the same
+    weight = (_shares(rows).reshape(-1, 1) / factor**2).expand(-1, factor**2)[plain]
+    cells = fit[:, :count].mT.clone()
+    fits, refs = [cells[plain][:, None].expand(-1, factor**2, 3).flatten(0, 1)], [parts[plain]]
+    areas = [weight.flatten()]
+    texels = fit[:, count:].mT.reshape(len(refined), (height // rows) ** 2, 3)
+    for index, cell in enumerate(refined):
+        block = _block(cell, rows, height)
+        area = _shares(height)[block].flatten()
+        fits.append(texels[index])
+        refs.append(ref[block].reshape(1, -1, 3))
+        areas.append(area)
+        cells[cell] = (area[:, None] * texels[index]).sum(0) / area.sum()
+    env = _term(
+        torch.cat(fits),
+        torch.cat([one.reshape(-1, 3) for one in refs]),
+        torch.cat(areas),
+        CORNERS.env,
+    )
+    total = objective.ENV_WEIGHT * env
+    seen = torch.stack([cells.reshape(rows, 2 * rows, 3), latlong.reduce(ref, rows, 2 * rows)])
+    for source, share in zip(PROBES, probes.shares(rows, "cpu"), strict=True):
+        size = probes.probe_rows(source, rows)
+        maps = torch.stack([latlong.reduce(image, size, 2 * size) for image in seen])
+        directions = probes.directions(source, size).double()
         views = kernels.filtered(maps, source.kernel, directions, normalised=True)
         total = total + source.weight * _term(views[0], views[1], share.double(), _corner(source))
     return total
 
 
-@pytest.mark.parametrize("height", [24, 64, 50])
-def test_value_and_slope_are_those_of_the_definition(height: int) -> None:
-    reference, fit = _map(height), 1.2 * _map(height, seed=1)
-    frame = objective.target(reference, CORNERS)
-    exact = fit.double().requires_grad_()
-    loss = _loss_by_definition(exact, reference.double())
-    (expected,) = torch.autograd.grad(loss, exact)
-    found = objective.value(_channels_first(fit), frame)
-    assert float(found) == pytest.approx(float(loss.detach()), rel=1e-5)  # sums in float32
-    slope = objective.misfit(_channels_first(fit), frame).slope.double()
-    # the even probe alone gives nearly the whole of it: float32 transforms of what is left
-    torch.testing.assert_close(
-        slope, _channels_first(expected), rtol=1e-4, atol=1e-5 * float(slope.abs().max())
-    )
+@pytest.mark.parametrize("case", CASES)
+def test_value_and_slope_are_those_of_the_definition(case: tuple[int, int, int]) -> None:
+    maps, places, fit = _example(case)
+    frame = objective.target(_flat(maps), CORNERS, places)
+    value, found = objective.value(fit, frame), objective.misfit(fit, frame)
+    # a split that sums in another order: float32
+    torch.testing.assert_close(found.value, value, rtol=1e-5, atol=0)
+    for index in range(2):
+        exact = fit[index].double().requires_grad_()
+        refined = places.refined[index].tolist()
+        loss = _loss_by_definition(exact, maps[index].double(), places.rows, refined)
+        (expected,) = torch.autograd.grad(loss, exact)
+        # sums in float32
+        assert float(value[index]) == pytest.approx(float(loss.detach()), rel=1e-5)
+        slope = found.slope[index].double()
+        # the even probe alone gives nearly the whole of it: float32 transforms of what is left
+        bound = 1e-5 * float(expected.abs().max())
+        torch.testing.assert_close(slope, expected, rtol=1e-4, atol=bound)
 
 
-@pytest.mark.parametrize("height", [16, 50, 128])
-def test_slope_is_the_derivative_of_the_value(height: int) -> None:
-    frame = objective.target(_map(height))
-    fit = _channels_first(_map(height, seed=1)).requires_grad_()
-    (expected,) = torch.autograd.grad(objective.value(fit, frame), fit)
-    found = objective.misfit(fit.detach(), frame).slope
-    # both in float32, summed in another order
-    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5 * float(found.abs().max()))
+def test_a_refined_cell_has_no_say_of_its_own() -> None:
+    maps, places, fit = _example((64, 16, 5))
+    frame = objective.target(_flat(maps), CORNERS, places)
+    other = fit.scatter(-1, places.refined[:, None].expand(-1, 3, -1), 1e3)
+    assert torch.equal(objective.value(other, frame), objective.value(fit, frame))
+    slope = objective.misfit(other, frame).slope
+    at_cells = slope.gather(-1, places.refined[:, None].expand(-1, 3, -1))
+    assert torch.equal(at_cells, torch.zeros_like(at_cells))
 
 
-def _majoriser(away: torch.Tensor, misfit: objective.Misfit, height: int) -> float:
-    """Return slope times `away` and half the weighted squares of what it shows.  [3, P]."""
-    squares = (misfit.env_weight * away.square()).sum()
-    for weight, view in zip(misfit.probe_weights, probes.probe(away, height), strict=True):
-        squares += (weight * view.square()).sum()
-    return float((misfit.slope * away).double().sum() + 0.5 * squares)
+def _majoriser(away: Tensor, misfit: objective.Misfit, places: Leaves) -> Tensor:
+    """Return slope times `away` and half the weighted squares of what it shows.  [F]."""
+    squares = (misfit.env_weight[:, None] * away.square()).sum((1, 2))
+    on_cells = away.clone()[..., : places.count]
+    for frame, cells in enumerate(places.refined.tolist()):
+        size = (places.fine_rows // places.rows) ** 2
+        for index, cell in enumerate(cells):
+            own = slice(index * size, (index + 1) * size)
+            texels = away[frame, :, places.count :][:, own]
+            on_cells[frame, :, cell] = texels @ places.within[frame, own]
+    views = probes.probe(on_cells, places.rows)
+    for weight, view in zip(misfit.probe_weights, views, strict=True):
+        squares += (weight[:, None] * view.square()).sum((1, 2))
+    return (misfit.slope * away).double().sum((1, 2)) + 0.5 * squares
 
 
-def test_weights_make_a_quadratic_that_lies_above_the_loss() -> None:
-    reference, fit = _channels_first(_map(32)), _channels_first(_map(32, seed=1))
-    frame = objective.target(_map(32))
-    misfit = objective.misfit(fit, frame)
-    start = float(objective.value(fit, frame))
-    noise = torch.randn(3, 2048, generator=torch.Generator().manual_seed(2))
-    for direction in (noise, noise.abs(), -fit, reference - fit, reference, torch.ones(3, 2048)):
+@pytest.mark.parametrize("case", [(32, 32, 0), (64, 16, 5)])
+def test_weights_make_a_quadratic_that_lies_above_the_loss(case: tuple[int, int, int]) -> None:
+    maps, places, fit = _example(case)
+    frame = objective.target(_flat(maps), places=places)
+    misfit, start = objective.misfit(fit, frame), objective.value(fit, frame)
+    noise = torch.randn(fit.shape, generator=torch.Generator().manual_seed(2))
+    ref = frame.radiance
+    for direction in (noise, noise.abs(), -fit, ref - fit, ref, torch.ones_like(fit)):
         for size in (-3.0, -1.0, -0.1, 0.1, 1.0, 3.0):
-            change = float(objective.value(fit + size * direction, frame)) - start
-            assert change <= _majoriser(size * direction, misfit, 32) + 1e-5  # J in float32
+            change = objective.value(fit + size * direction, frame) - start
+            above = _majoriser(size * direction, misfit, places)
+            assert bool((change <= above + 1e-5).all())  # J in float32
 
 
 def test_quadratic_touches_the_loss_where_the_error_is_and_at_its_mirror_image() -> None:
-    fit, frame = _channels_first(_map(32, seed=1)), objective.target(_map(32))
-    misfit = objective.misfit(fit, frame)
-    start = float(objective.value(fit, frame))
+    # without parts, whose errors differ from the cell's
+    maps, places, fit = _example((32, 32, 0))
+    frame = objective.target(_flat(maps), places=places)
+    misfit, start = objective.misfit(fit, frame), objective.value(fit, frame)
     # phi is even, and so is its majoriser: at minus the error both are what they were
     mirrored = 2 * (frame.radiance - fit)
-    assert float(objective.value(fit + mirrored, frame)) == pytest.approx(start, rel=1e-5)
-    assert _majoriser(mirrored, misfit, 32) == pytest.approx(0.0, abs=1e-5 * start)
-    # near the error they differ by the square of the way
+    # float32
+    torch.testing.assert_close(objective.value(fit + mirrored, frame), start, rtol=1e-5, atol=0)
+    assert float(_majoriser(mirrored, misfit, places).abs().max()) < 1e-5 * float(start.min())
+
+
+@pytest.mark.parametrize("case", [(32, 32, 0), (64, 16, 5)])
+def test_quadratic_and_loss_agree_near_the_error(case: tuple[int, int, int]) -> None:
+    maps, places, fit = _example(case)
+    frame = objective.target(_flat(maps), places=places)
     near = 1e-2 * (frame.radiance - fit)
-    change = float(objective.value(fit + near, frame)) - start
-    assert change == pytest.approx(_majoriser(near, misfit, 32), rel=2e-2)
+    change = objective.value(fit + near, frame) - objective.value(fit, frame)
+    above = _majoriser(near, objective.misfit(fit, frame), places)
+    # they differ by the square of the way
+    torch.testing.assert_close(change.double(), above, rtol=2e-2, atol=0)
 
 
-def test_perfect_fit_has_no_loss_and_black_has_all_of_it() -> None:
-    reference = torch.rand(32, 64, 3, generator=torch.Generator().manual_seed(0))
-    frame = objective.target(reference)
-    assert float(objective.value(_channels_first(reference), frame)) == pytest.approx(0, abs=1e-5)
-    black = float(objective.value(torch.zeros(3, 32 * 64), frame))
+def _flat_over_cells(case: tuple[int, int, int]) -> tuple[objective.Target, Leaves]:
+    """Return maps with detail in the refined cells alone, and their leaves."""
+    height, rows, refined = case
+    factor = height // rows
+    maps = _maps(rows).repeat_interleave(factor, 1).repeat_interleave(factor, 2)
+    detail = _maps(height, seed=3)
+    for index, cell in enumerate(range(7, 7 + 90 * refined, 90)):
+        row, column = _block(cell + index, rows, height)
+        maps[:, row, column] += detail[:, row, column]
+    places = leaves(_flat(maps), rows, refined)
+    return objective.target(_flat(maps), CORNERS, places), places
+
+
+@pytest.mark.parametrize("case", [(32, 32, 0), (64, 16, 5)])
+def test_perfect_fit_has_no_loss_no_slope_and_finite_weights(case: tuple[int, int, int]) -> None:
+    frame, _ = _flat_over_cells(case)
+    found = objective.misfit(frame.radiance, frame)
+    # phi at 0 is its corner, taken off: what is left is float32 sums
+    assert float(found.value.abs().max()) < 1e-5
+    assert float(objective.value(frame.radiance, frame).abs().max()) < 1e-5
+    # a mean of equal parts is one of them to float32; slopes elsewhere are of the size of a share
+    away = objective.misfit(1.1 * frame.radiance, frame).slope.abs().max()
+    assert float(found.slope.abs().max()) < 1e-5 * float(away)
+    for weight in (found.env_weight, *found.probe_weights):
+        assert bool(weight.isfinite().all())
+        assert float(weight.min()) >= 0
+
+
+def test_black_has_all_of_the_loss() -> None:
+    maps = torch.rand(2, 32, 64, 3, generator=torch.Generator().manual_seed(0))
+    frame = objective.target(_flat(maps))
+    black = objective.value(torch.zeros(2, 3, 32 * 64), frame)
     most = objective.ENV_WEIGHT + sum(source.weight for source in PROBES)
-    assert 0.8 * most < black < most  # less the rounded corners
+    # less the rounded corners: 2 of the even probe's 10 and a tenth of the map's
+    assert bool((0.8 * most < black).all())
+    assert bool((black < most).all())
 
 
 def test_loss_does_not_depend_on_the_exposure() -> None:
-    reference, fit = _map(32), _channels_first(_map(32, seed=1))
-    value = float(objective.value(fit, objective.target(reference)))
+    maps, places, fit = _example((64, 16, 5))
+    value = objective.value(fit, objective.target(_flat(maps), places=places))
     for exposure in (1e-6, 1e6):
-        frame = objective.target(exposure * reference)
-        brighter = float(objective.value(exposure * fit, frame))
-        assert brighter == pytest.approx(value, rel=1e-5)  # float32
+        frame = objective.target(exposure * _flat(maps), places=places)
+        brighter = objective.value(exposure * fit, frame)
+        torch.testing.assert_close(brighter, value, rtol=1e-5, atol=0)  # float32
 
 
 def test_going_dark_costs_more_flux_than_everything_else_can_gain() -> None:
@@ -135,8 +246,46 @@ def test_going_dark_costs_more_flux_than_everything_else_can_gain() -> None:
     assert dark > objective.ENV_WEIGHT + sum(others)
 
 
-def test_perfect_fit_has_no_slope_and_finite_weights() -> None:
-    reference = _map(32)
-    misfit = objective.misfit(_channels_first(reference), objective.target(reference, CORNERS))
-    assert torch.equal(misfit.slope, torch.zeros(3, 2048))
-    assert all(bool(w.isfinite().all()) for w in (misfit.env_weight, *misfit.probe_weights))
+def test_black_maps_have_a_finite_loss() -> None:
+    frame = objective.target(torch.zeros(1, 3, 32 * 64))
+    assert float(objective.value(torch.zeros(1, 3, 32 * 64), frame)) == pytest.approx(0, abs=1e-5)
+    found = objective.misfit(torch.ones(1, 3, 32 * 64), frame)
+    everything = (found.value, found.slope, found.env_weight, *found.probe_weights)
+    assert all(bool(tensor.isfinite().all()) for tensor in everything)
+    assert float(found.value) > 1e6
+
+
+def test_frames_of_a_batch_do_not_see_each_other() -> None:
+    maps, _, _ = _example((64, 16, 5))
+    maps = torch.stack([maps[0], 1e3 * maps[1]])
+    places = leaves(_flat(maps), 16, 5)
+    assert not torch.equal(places.refined[0], places.refined[1])
+    fit = on_leaves(_flat(_maps(64, seed=1)), places)
+    both = objective.misfit(fit, objective.target(_flat(maps), places=places))
+    for index in range(2):
+        one = slice(index, index + 1)
+        alone = leaves(_flat(maps[one]), 16, 5)
+        assert torch.equal(alone.refined[0], places.refined[index])
+        found = objective.misfit(fit[one], objective.target(_flat(maps[one]), places=alone))
+        # float32 sums in another order
+        torch.testing.assert_close(both.value[one], found.value, rtol=1e-5, atol=0)
+        bound = 1e-6 * float(found.slope.abs().max())
+        torch.testing.assert_close(both.slope[one], found.slope, rtol=1e-4, atol=bound)
+        torch.testing.assert_close(both.env_weight[one], found.env_weight, rtol=1e-5, atol=0)
+
+
+def test_a_repeated_target_judges_each_reconstruction_as_the_one_does() -> None:
+    maps, places, fit = _example((64, 16, 5))
+    one = objective.target(_flat(maps[:1]), CORNERS, leaves(_flat(maps[:1]), 16, 5))
+    many = one.repeated(3)
+    fits = torch.cat([fit[:1], 0.5 * fit[:1], 2 * fit[:1]])
+    found = objective.misfit(fits, many)
+    for index in range(3):
+        alone = objective.misfit(fits[index : index + 1], one)
+        # float32 sums in another order
+        torch.testing.assert_close(found.value[index], alone.value[0], rtol=1e-5, atol=0)
+        bound = 1e-6 * float(alone.slope.abs().max())
+        torch.testing.assert_close(found.slope[index], alone.slope[0], rtol=1e-4, atol=bound)
+    assert len(many.places.refined) == 3
+    assert replace(many, corners=CORNERS).env_corner.shape == (3,)
+    assert places.rows == many.places.rows == 16

@@ -41,27 +41,46 @@ def test_probes_look_from_rings_evenly_over_latitude() -> None:
         torch.testing.assert_close(latitude, middle[:, None].expand_as(latitude), rtol=0, atol=1e-3)
 
 
-@pytest.mark.parametrize("height", [10, 12])
-def test_pull_is_the_transpose_of_a_probe(height: int) -> None:
-    texels = 2 * height * height
-    for source, views in zip(PROBES, probes.probe(torch.eye(texels), height), strict=True):
-        assert probes.probe_rows(source, height) == height
-        pulled = probes.pull(torch.eye(views.shape[-1]), source, height)
+def _some_views(height: int, *batch: int) -> tuple[torch.Tensor, ...]:
+    """Return random numbers for each view of each probe.  One [*batch, D] a probe."""
+    generator = torch.Generator().manual_seed(height)
+    shown = probes.shares(height, "cpu")
+    return tuple(torch.randn(*batch, len(share), generator=generator) for share in shown)
+
+
+def test_pull_is_the_transpose_of_each_probe() -> None:
+    texels = 2 * 10 * 10
+    shown = probes.probe(torch.eye(texels), 10)
+    for index, views in enumerate(shown):
+        given = [torch.zeros(views.shape[-1], view.shape[-1]) for view in shown]
+        given[index] = torch.eye(views.shape[-1])
+        pulled = probes.pull(tuple(given), 10)
         # transforms in float32 of weights below 1
         torch.testing.assert_close(pulled, views.mT, rtol=0, atol=2e-7)
 
 
-def test_pull_is_the_transpose_on_the_grids_that_the_probes_use() -> None:
-    generator = torch.Generator().manual_seed(1)
-    for index, source in enumerate(PROBES):
-        image = _map(source.height)
-        views = probes.probe(image, source.height)[index]
-        weights = torch.rand(views.shape, generator=generator)
-        pulled = probes.pull(weights, source, source.height)
-        # sums of some thousand positive products in float32
-        assert float((views * weights).sum()) == pytest.approx(
-            float((image * pulled).sum()), rel=1e-5
-        )
+@pytest.mark.parametrize("height", HEIGHTS)
+def test_pull_is_the_transpose_of_all_probes_together(height: int) -> None:
+    image, views = _map(height), _some_views(height, 3)
+    pulled = probes.pull(views, height)
+    assert pulled.shape == image.shape
+    seen = zip(probes.probe(image, height), views, strict=True)
+    products = [(view.double() * given).flatten() for view, given in seen]
+    left = float(sum(product.sum() for product in products))
+    right = float((image.double() * pulled).sum())
+    # float32 numbers of some thousand random terms: rounding adds up as the terms do
+    size = float(torch.cat(products).square().sum().sqrt())
+    assert left == pytest.approx(right, abs=1e-5 * size)
+    assert abs(left) > 1e-3 * size  # not two zeros
+
+
+def test_views_of_a_batch_are_pulled_one_by_one() -> None:
+    views = _some_views(32, 2, 3)
+    pulled = probes.pull(views, 32)
+    assert pulled.shape == (2, 3, 2 * 32 * 32)
+    alone = probes.pull(tuple(view[1, 2] for view in views), 32)
+    # transforms in float32 of sums of order 1
+    torch.testing.assert_close(pulled[1, 2], alone, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("height", HEIGHTS)

@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dark lobes wait where they will be lit; the leash holds lit ones."""
+"""The temporal term and what it holds; dark lobes wait where they will be lit; the leash."""
 
 import math
+from dataclasses import replace
 
+import pytest
 import torch
-from lobe_cases import lamps
+from lobe_cases import DOUBLE, lamps, random_lobes
+from torch import Tensor
 
-from asglight.fitting import temporal
-from asglight.fitting.coordinates import Leash
-from asglight.lobes import Lobes
+from asglight.fitting import newton, objective, temporal
+from asglight.fitting.coordinates import UNKNOWNS, Leash, advance, is_round
+from asglight.fitting.leaves import leaves
+from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
 
 PLACES = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
@@ -69,3 +73,155 @@ def test_leash_pulls_back_to_its_angle_and_lets_the_free_go() -> None:
     # 1e-6: float32 sines
     torch.testing.assert_close(angle, torch.tensor([0.1, 0.2, 3.0]), rtol=0, atol=1e-6)
     torch.testing.assert_close(held.norm(dim=-1), torch.ones(3))
+
+
+def _noise(height: int = 32) -> Tensor:
+    """Return a map of noise with a few bright texels.  [1, 3, P]."""
+    generator = torch.Generator().manual_seed(0)
+    maps = 5 * torch.rand(height, 2 * height, 3, generator=generator) ** 4
+    return maps.flatten(0, 1).mT[None].contiguous()
+
+
+def _way(lobes: Lobes, held: temporal.Prior) -> Tensor:
+    """Return how far each lobe went, in units of itself.  [F, N]."""
+    return temporal.displacement(lobes, held).norm(dim=-1)
+
+
+def test_a_strong_temporal_term_holds_the_lobes() -> None:
+    lobes, frame = random_lobes(Form.ASG).to(torch.float32)[None], objective.target(_noise())
+    free = newton.minimise(lobes, frame, 8).lobes
+    held = newton.minimise(lobes, frame, 8, priors=[temporal.prior(lobes, gamma=1e4)]).lobes
+    still = temporal.prior(lobes)
+    # J of 10 against a spring of 1e4: the ratio, but for how far a lobe's share is from all
+    assert float(_way(held, still).max()) < 0.01 < 0.3 < float(_way(free, still).max())
+
+
+def test_a_strong_temporal_term_draws_lobes_to_where_they_were() -> None:
+    before, frame = random_lobes(Form.ASG).to(torch.float32)[None], objective.target(_noise())
+    held = temporal.prior(before, gamma=1e4)
+    away = torch.zeros(1, 5, UNKNOWNS)
+    away[..., :2], away[..., 5:] = 0.03, 0.1
+    start = advance(before, away)
+    found = newton.minimise(start, frame, 15, priors=[held]).lobes
+    assert float(_way(start, held).min()) > 0.3
+    assert float(_way(found, held).max()) < 0.03
+
+
+@pytest.mark.parametrize("form", list(Form))
+def test_value_is_the_sum_over_lobes_of_share_times_way(form: Form) -> None:
+    before = stack([random_lobes(form), random_lobes(form, seed=1)])
+    held = temporal.prior(before, gamma=0.7)
+    turned = 0.01 * torch.randn(
+        2, 5, UNKNOWNS, generator=torch.Generator().manual_seed(5), dtype=DOUBLE
+    )
+    turned[..., 2:5] = 0
+    lobes = advance(before, turned)
+    factor = 1.0 if form is Form.SG else 2.0
+    found = temporal.value(lobes, held)
+    for frame in range(2):
+        flux = asg.flux(before)[frame].sum(-1)
+        expected = 0.0
+        for lobe in range(5):
+            width = (factor * before.sharpness[frame, lobe]) ** -0.5
+            unit = width.clamp(max=temporal.TILT_UNIT_MAX)
+            axes = before.axes[frame, lobe]
+            tilt = axes[:2] @ lobes.axis_z[frame, lobe] / unit
+            light = lobes.amplitude[frame, lobe] - before.amplitude[frame, lobe]
+            light = light / before.amplitude[frame, lobe].max()
+            square = float(tilt.square().sum() + light.square().sum())
+            share = 0.7 * float(flux[lobe] / flux.sum())
+            expected += share * math.sqrt(square + temporal.CORNER**2)
+        # a tilt turns x by the product of both tilts: 1e-4 of a way of one
+        assert float(found[frame]) == pytest.approx(expected, rel=1e-4)
+
+
+def test_gradient_is_that_of_the_value() -> None:
+    held = temporal.prior(stack([random_lobes(Form.ASG), random_lobes(Form.ASG, seed=2)]))
+    generator = torch.Generator().manual_seed(5)
+    away = 0.05 * torch.randn(2, 5, UNKNOWNS, generator=generator, dtype=DOUBLE)
+    away[..., 4] = 0  # a frame that has rolled sees the prior's coordinates rolled
+    lobes = advance(held.lobes, away)
+    gradient = torch.zeros(2, 40, dtype=DOUBLE)
+    temporal.add_curvature(torch.zeros(2, 40, 40, dtype=DOUBLE), gradient, lobes, held)
+    step, found = 1e-5, gradient.reshape(2, 5, 8)
+    assert not bool(is_round(held.lobes)[:, 1].any())  # a round lobe's widths are a shear's
+    for unknown in (0, 1, 2, 3, 5, 6, 7):  # their coordinates are the displacement's own
+        move = torch.zeros(2, 5, UNKNOWNS, dtype=DOUBLE)
+        move[:, 1, unknown] = step
+        change = temporal.value(advance(lobes, move), held)
+        change = change - temporal.value(advance(lobes, -move), held)
+        # second order in the tilt of 0.03 so far: coordinates agree to a percent
+        torch.testing.assert_close(change / (2 * step), found[:, 1, unknown], rtol=0.02, atol=2e-5)
+
+
+def test_term_counts_a_way_as_its_norm() -> None:
+    lobes = random_lobes(Form.ASG)[None]
+    held = temporal.prior(lobes, gamma=1.0)
+    near, far = (replace(lobes, amplitude=lobes.amplitude * grown) for grown in (1.5, 2.0))
+    assert float(temporal.value(lobes, held)) == pytest.approx(temporal.CORNER)  # shares sum to 1
+    ratio = temporal.value(far, held) / temporal.value(near, held)
+    assert float(ratio) == pytest.approx(2.0, rel=2e-3)  # less the corner's square, (0.02 / 0.5)^2
+
+
+def test_curvature_is_added_and_makes_a_quadratic_above_the_value() -> None:
+    held = temporal.prior(stack([random_lobes(Form.BINGHAM), random_lobes(Form.BINGHAM, seed=1)]))
+    lobes = advance(held.lobes, torch.full((2, 5, UNKNOWNS), 0.02, dtype=DOUBLE))
+    hessian = torch.full((2, 40, 40), 3.0, dtype=DOUBLE)
+    gradient = torch.full((2, 40), 2.0, dtype=DOUBLE)
+    temporal.add_curvature(hessian, gradient, lobes, held)
+    hessian, gradient = hessian - 3.0, gradient - 2.0
+    assert torch.equal(hessian, torch.diag_embed(torch.diagonal(hessian, dim1=-2, dim2=-1)))
+    start = temporal.value(lobes, held)
+    generator = torch.Generator().manual_seed(1)
+    for _ in range(20):
+        light = torch.zeros(2, 5, UNKNOWNS, dtype=DOUBLE)
+        light[..., 5:] = 0.1 * torch.randn(2, 5, 3, generator=generator, dtype=DOUBLE)
+        move = light.flatten(1)
+        change = temporal.value(advance(lobes, light), held) - start
+        above = (move * gradient).sum(-1)
+        above = above + 0.5 * (move[:, None] @ hessian @ move[..., None])[:, 0, 0]
+        assert bool((change <= above + 1e-12).all())  # float64
+
+
+def test_the_term_of_a_batch_is_that_of_each_frame_alone() -> None:
+    before = stack([random_lobes(Form.SG), random_lobes(Form.SG, seed=1)])
+    brighter = replace(
+        before, amplitude=before.amplitude * torch.tensor([1.0, 50.0])[:, None, None]
+    )
+    lobes = advance(brighter, torch.full((2, 5, UNKNOWNS), 0.01, dtype=DOUBLE))
+    both = temporal.value(lobes, temporal.prior(brighter))
+    for index in range(2):
+        one = slice(index, index + 1)
+        alone = temporal.value(lobes[one], temporal.prior(brighter[one]))
+        torch.testing.assert_close(both[one], alone, rtol=1e-12, atol=0)  # float64
+
+
+def test_the_term_of_black_lobes_is_finite_and_nothing() -> None:
+    black = lamps(PLACES, [20.0] * 3, [0.0] * 3)[None]
+    held = temporal.prior(black)
+    lit = replace(black, amplitude=torch.ones(1, 3, 3))
+    assert float(temporal.value(lit, held)) == 0.0  # of no flux, no share
+    hessian, gradient = torch.zeros(1, 24, 24, dtype=DOUBLE), torch.zeros(1, 24, dtype=DOUBLE)
+    temporal.add_curvature(hessian, gradient, lit, held)
+    assert bool(hessian.isfinite().all())
+    assert bool(gradient.isfinite().all())
+
+
+@pytest.mark.parametrize("form", list(Form))
+@pytest.mark.parametrize("exposure", [1e-6, 1.0, 1e9])
+def test_steps_from_any_start_stay_finite_with_the_term(form: Form, exposure: float) -> None:
+    sharpness = torch.tensor([1e-3, 0.3, 40.0, 1e4, 1e7])
+    light = torch.tensor([0.0, 1e-6, 1.0, 1e4, 1e9])
+    pairs = torch.cartesian_prod(sharpness, sharpness, light)  # [F, 3]
+    axes = stack([random_lobes(form, 2, seed) for seed in range(len(pairs))]).axes.float()
+    widths = pairs[:, None, :1] if form is Form.SG else pairs[:, None, :2]
+    lobes = Lobes(axes, widths.expand(-1, 2, 2), pairs[:, None, 2:].expand(-1, 2, 3), form)
+    lobes = replace(lobes, amplitude=lobes.amplitude * torch.tensor([[1.0], [0.3]]))
+    maps = exposure * _noise(32)
+    frame = objective.target(maps, places=leaves(maps, 16, 4)).repeated(len(pairs))
+    found = newton.minimise(lobes, frame, 4, priors=[temporal.prior(lobes)])
+    everything = (found.value, found.damping, found.lobes.axes)
+    for tensor in (*everything, found.lobes.sharpness, found.lobes.amplitude):
+        assert bool(tensor.isfinite().all())
+    before = newton.minimise(lobes, frame, 0, priors=[temporal.prior(lobes)]).value
+    assert bool((found.value <= before).all())

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,11 +11,14 @@ from lobe_cases import follow
 
 from asglight import read_usd
 from asglight.errors import InputError
+from asglight.fitting.first_frame import exposed
 from asglight.fitting.options import FitOptions
+from asglight.fitting.whole_shot import refine_shot
 from asglight.lobes import asg
+from asglight.lobes.data import stack
 from asglight.shots import fit_sequence, fit_shot, job
 from asglight.shots.checkpoint import SUFFIX
-from asglight.shots.events import Event, FrameDone, Notice, Started, StepDone
+from asglight.shots.events import Event, FrameDone, Notice, Refined, Started, StepDone
 from asglight.sphere.quadrature import fibonacci_directions
 
 
@@ -44,14 +48,41 @@ def interrupted(source: Path, output: Path, frames: int) -> None:
 
 
 def test_a_shot_is_the_fit_of_its_frames_in_order(source: Path, output: Path) -> None:
-    result = fit_shot(source, output, shot_files.OPTIONS)
+    live = replace(shot_files.OPTIONS, preset=job.Preset.LIVE)
+    result = fit_shot(source, output, live)
     images = [torch.from_numpy(sky_files.sky(frame)) for frame in range(1001, 1005)]
     directions = fibonacci_directions(50)
-    for index, fit in enumerate(follow(list(images), shot_files.OPTIONS)):
+    for index, fit in enumerate(follow(list(images), live)):
         expected = asg.evaluate(fit.lobes, directions)
         found = asg.evaluate(result.tracks.lobes[index], directions)
         # The frames may be turned between equals, which reorders float32 sums.
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_a_fast_shot_is_refined_between_its_neighbours(source: Path, output: Path) -> None:
+    events: list[Event] = []
+    result = fit_shot(source, output, shot_files.OPTIONS, on_progress=events.append)
+    assert [event for event in events if isinstance(event, Refined)] == [Refined(4, 4)]
+    images = [torch.from_numpy(sky_files.sky(frame)) for frame in range(1001, 1005)]
+    shot = stack([fit.lobes for fit in follow(list(images), shot_files.OPTIONS)])
+    ((_, lobes, losses),) = refine_shot(shot, [[exposed(image) for image in images]])
+    directions = fibonacci_directions(50)
+    for index in range(4):
+        expected = asg.evaluate(lobes[index], directions)
+        found = asg.evaluate(result.tracks.lobes[index], directions)
+        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)  # float32 sums
+    assert result.tracks.metadata["loss"] == pytest.approx(losses)
+
+
+def test_a_frame_that_changed_between_the_readings_is_told(source: Path, output: Path) -> None:
+    def touch(event: Event) -> None:
+        if isinstance(event, FrameDone) and event.position == 4:
+            path = sorted(source.iterdir())[1]
+            os.utime(path, ns=(1, 1))
+
+    with pytest.raises(InputError, match=r"1002.*: has changed since frame 1002 was fitted"):
+        fit_shot(source, output, shot_files.OPTIONS, on_progress=touch)
+    assert not output.exists()
 
 
 def test_the_stage_holds_the_tracks(source: Path, output: Path) -> None:
@@ -216,7 +247,7 @@ def test_fit_sequence_gives_the_tracks_of_fit_shot(source: Path, output: Path) -
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"preset": "magic"}, "preset: magic; expected one of fast"),
+        ({"preset": "magic"}, "preset: magic; expected one of live, fast, best, paper"),
         ({"form": "cube"}, "form: cube; expected one of asg, bingham, sg"),
         ({"lobes": 0}, "lobes: 0"),
         ({"fps": -1.0}, "fps: -1"),

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The second reading of a shot: every frame once more, between both its neighbours.
+
+What the checkpoint keeps is the result of the first reading, so an interrupted run comes to the
+same bytes.
+"""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import replace
+
+from asglight.errors import InputError
+from asglight.fitting.first_frame import Exposed, exposed
+from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.sequence import one_thread
+from asglight.fitting.whole_shot import CHUNK, refine_shot
+from asglight.images import Sequence
+from asglight.images.message import shown
+from asglight.lobes.data import stack
+from asglight.shots.events import OnProgress, Refined
+from asglight.shots.reading import read_ahead
+from asglight.shots.records import FrameRecord
+
+REFINED = (Preset.FAST, Preset.BEST)
+"""Presets whose shots are refined: `live` has no time, and `paper` is as published."""
+
+
+def refined(
+    records: list[FrameRecord], sequence: Sequence, options: FitOptions, on_progress: OnProgress
+) -> list[FrameRecord]:
+    """Refine the frames of a shot between their neighbours, if the preset asks for it.
+
+    Args:
+        records: Every frame as fitted after the one before.
+        sequence: Where they came from; read once more.
+        options: Settings of the fit.
+        on_progress: Called with each event.
+
+    Raises:
+        InputError: A frame has changed since it was fitted, or cannot be read any more.
+    """
+    if options.preset not in REFINED or len(records) < 2:
+        return records
+    result = list(records)
+    shot = stack([record.lobes for record in records])
+    with one_thread():
+        for first, lobes, losses in refine_shot(shot, _chunks(records, sequence, options)):
+            for place, loss in enumerate(losses):
+                index = first + place
+                result[index] = replace(records[index], lobes=lobes[place], loss=loss)
+            on_progress(Refined(first + len(losses), len(records)))
+    return result
+
+
+def _chunks(
+    records: list[FrameRecord], sequence: Sequence, options: FitOptions
+) -> Iterator[list[Exposed]]:
+    """Read the frames once more, a few at a time."""
+    with contextlib.closing(read_ahead(sequence, list(sequence.frames))) as images:
+        chunk: list[Exposed] = []
+        for record, read in zip(records, images, strict=True):
+            if read.stamp != record.stamp:
+                raise InputError(
+                    f"{shown(sequence.path(record.frame))}: has changed since frame "
+                    f"{record.frame} was fitted; expected the same image. Start afresh."
+                )
+            chunk.append(exposed(read.image.radiance.to(options.device)))
+            if len(chunk) == CHUNK or record is records[-1]:
+                yield chunk
+                chunk = []
