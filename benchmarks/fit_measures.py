@@ -58,9 +58,8 @@ RACED = ("loss", "irr", "r0.25")
 CURVE_POINTS = 60
 """Points of the paper's curve, even in the logarithm of the step."""
 
-AVERAGED = ("env", "irr", "r0.5", "r0.25")
-AVERAGED_EVERY = 4
-"""Frames from one that counts in a mean to the next: neighbours are alike."""
+AVERAGED, AVERAGED_EVERY = ("env", "irr", "r0.5", "r0.25"), 4
+"""What a mean is of; frames from one that counts in it to the next: neighbours are alike."""
 
 JUMP_DEG, JUMP_SHARE = 10.0, 0.01
 """A lobe jumps that turns by more from one frame to the next, with more of the flux in either."""
@@ -211,10 +210,7 @@ def paper_curve(
 
 
 def preset_curve(reference: Tensor, preset: Preset, lobes: int) -> list[tuple[_Point, Lobes]]:
-    """Return seconds and lobes of a preset after each of its steps, and at its end.
-
-    Of presets other than `fast` only the end is known.
-    """
+    """Return seconds and lobes of `fast` after each step, and of any preset at its end."""
     stages: list[tuple[_Point, Lobes]] = []
     exposure = first_frame.mean_radiance(reference)
     clock = Clock()
@@ -344,13 +340,13 @@ def refined(
     references: Sequence[Tensor], found: Sequence[Lobes], seconds: Sequence[_Point]
 ) -> tuple[list[Lobes], list[_Point]]:
     """Refine a shot as `asglight fit` does; its seconds count evenly on every frame."""
-    clock = Clock()
+    clock, size = Clock(), whole_shot.CHUNK
     shot, frames = stack(list(found)), [first_frame.exposed(radiance) for radiance in references]
-    chunks = [frames[at : at + whole_shot.CHUNK] for at in range(0, len(frames), whole_shot.CHUNK)]
+    chunks = [frames[at : at + size] for at in range(0, len(frames), size)]
     with one_thread():
-        parts = [lobes for _, lobes, _ in whole_shot.refine_shot(shot, chunks)]
-    each = {name: spent / len(frames) for name, spent in clock.seconds().items()}
-    total = [{name: spent[name] + each[name] for name in spent} for spent in seconds]
+        parts = [part for _, part, _ in whole_shot.refine_shot(shot, chunks)]
+    whole = clock.seconds()
+    total = [{name: s + whole[name] / len(frames) for name, s in one.items()} for one in seconds]
     return [part[index] for part in parts for index in range(len(part.axes))], total
 
 
@@ -358,8 +354,7 @@ def _account(
     references: Sequence[Tensor], found: Sequence[Lobes], seconds: Sequence[_Point]
 ) -> dict[str, Any]:
     """Return errors, flicker, jumps and seconds of fitted frames, dark lobes waiting as written."""
-    shot = waiting(stack(list(found)))
-    found = [shot[index] for index in range(len(found))]
+    found = [waiting(stack(list(found)))[index] for index in range(len(found))]
     pairs = zip(found, references, strict=True)
     errors = sequence_errors((k, frame_errors(*pair)) for k, pair in enumerate(pairs))
     counted = list(errors.frames.values())[::AVERAGED_EVERY]

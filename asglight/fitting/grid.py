@@ -5,7 +5,6 @@ Images are channels first, [..., P], P = H * 2 H texels row by row. Texels are a
 solid angles. Cells are texels of a coarser grid that holds whole blocks of fine ones.
 """
 
-import itertools
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,14 +16,12 @@ from asglight.sphere import latlong
 
 POWERS = tuple(
     (i, j, k)
-    for degree in range(4)
+    for degree in range(3)
     for i in range(degree, -1, -1)
     for j in range(degree - i, -1, -1)
     for k in (degree - i - j,)
 )
-"""Exponents of the 20 monomials x^i y^j z^k up to degree 3: 1, 3, 6 and 10 of degrees 0 to 3."""
-
-DEGREE_START = (0, 1, 4, 10, 20)
+"""Exponents of the 10 monomials x^i y^j z^k up to degree 2: 1, 3 and 6 of degrees 0 to 2."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class Grid:
     Attributes:
         height: Rows; there are twice as many columns.
         directions: Texel centres.  [P, 3]
-        monomials: Of the centres, in the order of `POWERS`.  [20, P]
+        monomials: Of the centres, in the order of `POWERS`.  [10, P]
         share: Solid angle over 4 pi.  [P]
     """
 
@@ -42,12 +39,6 @@ class Grid:
     directions: Tensor
     monomials: Tensor
     share: Tensor
-
-    @property
-    def columns(self) -> tuple[Tensor, ...]:
-        """The monomials of degree 0, 1, 2 and 3, each [.., P]."""
-        edges = DEGREE_START
-        return tuple(self.monomials[start:stop] for start, stop in itertools.pairwise(edges))
 
 
 @lru_cache(maxsize=16)

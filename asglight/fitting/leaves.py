@@ -34,7 +34,7 @@ class Leaves:
         fine_rows: Rows of the map.
         refined: The refined cells.  [F, R]
         texel: Their texels, cell by cell.  [F, Q]
-        monomials: Of the texels' centres, in the order of `grid.POWERS`.  [F, 20, Q]
+        monomials: Of the texels' centres, in the order of `grid.POWERS`.  [F, 10, Q]
         cell_share: Solid angle over 4 pi of each cell, 0 where refined.  [F, C]
         texel_share: Solid angle over 4 pi of each texel.  [F, Q]
         within: Share of each texel in its cell.  [F, Q]

@@ -118,7 +118,7 @@ def _plane_integral(lobes: Lobes) -> Tensor:
 
 def _values(lobes: Lobes, exponent: Tensor, monomials: Tensor) -> tuple[Tensor, Tensor]:
     """Return values and values over z.  Two [F, N, P']."""
-    power = torch.matmul(exponent, monomials[..., 1:10, :]).clamp_(min=EXPONENT_MIN)
+    power = torch.matmul(exponent, monomials[..., 1:, :]).clamp_(min=EXPONENT_MIN)
     if lobes.form is not Form.ASG:
         values = power.exp_()
         return values, values
@@ -249,7 +249,7 @@ def slopes(shown: Images, seen: Footprint, slope: Tensor, places: Leaves) -> Ten
     lobes = shown.lobes
     along = shown.light @ slope  # dJ / d value  [F, N, P]
     valued = shown.values * along
-    moments = [valued[..., place] @ mono[..., 1:10, :].mT for _, mono, place in places.levels]
+    moments = [valued[..., place] @ mono[..., 1:, :].mT for _, mono, place in places.levels]
     shape = (seen.derivatives @ torch.stack(moments)[..., None])[..., 0].sum(0)
     if lobes.form is Form.ASG:
         tilted = shown.gaussian * along
@@ -266,13 +266,13 @@ def columns(lobes: Lobes, seen: Footprint, level: int, monomials: Tensor) -> Ten
         lobes: The lobes.  [F, N, .]
         seen: Their footprint.
         level: Which of the footprint's sizes the leaves have.
-        monomials: Of the leaves' centres.  [(F,) 20, P']
+        monomials: Of the leaves' centres.  [(F,) 10, P']
 
     Returns:
         Row 6 i is lobe i, rows 6 i + 1 to 6 i + 5 its derivatives.  [F, 6 N, P']
     """
     values, gaussian = _values(lobes, seen.exponent[level], monomials)
-    shape = torch.matmul(seen.derivatives[level].flatten(1, 2), monomials[..., 1:10, :])
+    shape = torch.matmul(seen.derivatives[level].flatten(1, 2), monomials[..., 1:, :])
     shape = shape.unflatten(1, (lobes.count, 5)).mul_(values[:, :, None])
     if lobes.form is Form.ASG:
         across = torch.matmul(lobes.axes[..., :2, :].flatten(1, 2), monomials[..., 1:4, :])

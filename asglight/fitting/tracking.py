@@ -38,7 +38,7 @@ def drawn(lobes: Lobes, frame: objective.Target, width_min: float) -> Lobes:
     flux = taken * (frame.radiance.sum(1) * places.share)[:, None]
     total = flux.sum(-1)
     moments = sum(
-        flux[..., place] @ monomials[..., 1:10, :].mT for _, monomials, place in places.levels
+        flux[..., place] @ monomials[..., 1:, :].mT for _, monomials, place in places.levels
     ) / total[..., None].clamp(min=TAKEN_MIN)
     moments = torch.as_tensor(moments)
     length = moments[..., :3].norm(dim=-1)

@@ -86,9 +86,9 @@ def unit_texel_means(lobes: Lobes, height: int, width: int) -> Tensor:
     return values
 
 
-def is_narrow(lobes: Lobes, height: int, width_texels: float = NARROW_WIDTH_TEXELS) -> Tensor:
-    """Tell which lobes are narrower than so many texels of a grid of `height` rows.  [..., N]."""
-    return lobe_width(lobes) < width_texels * math.pi / height
+def is_narrow(lobes: Lobes, height: int) -> Tensor:
+    """Tell which lobes are narrower than four texels of a grid of `height` rows.  [..., N]."""
+    return lobe_width(lobes) < NARROW_WIDTH_TEXELS * math.pi / height
 
 
 def lobe_width(lobes: Lobes) -> Tensor:

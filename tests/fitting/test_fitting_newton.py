@@ -196,7 +196,7 @@ def test_matrix_is_the_dense_sum_over_its_cells(form: Form, case: tuple[int, int
 @pytest.mark.parametrize("form", list(Form))
 def test_matrix_of_wide_lobes_is_the_one_summed_over_every_leaf(form: Form) -> None:
     lobes, frame = _alike(form, seeds=(2,)), _target(_noise(128), 64, 16)
-    wide = ~texels.is_narrow(lobes[0], newton.CURVATURE_ROWS, 1.5)
+    wide = texels.lobe_width(lobes[0]) >= 1.5 * math.pi / newton.CURVATURE_ROWS
     lobes = lobes.select(wide)
     assert lobes.count >= 3
     expected = _dense_matrix(lobes.to(DOUBLE), frame, 64)
