@@ -36,8 +36,7 @@ EVEN_CORNER = 0.2
 which the last scaling mends."""
 
 PART_ROWS = 128
-"""Rows of the grid of parts: the map's error on means over 1.4 degrees has the same minimum as on
-texels of 0.7."""
+"""Rows of the grid of parts, 1.4 degrees each: steps on finer ones gained nothing on real maps."""
 
 
 @dataclass(frozen=True)

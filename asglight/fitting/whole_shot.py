@@ -23,7 +23,7 @@ from asglight.fitting.objective import Corners
 from asglight.lobes import Lobes, asg
 
 CHUNK = 16
-"""Frames in memory: 60 MB of them, and half as many side by side."""
+"""Frames in memory: 25 MB of maps of 256 rows, and half as many side by side."""
 
 STEPS = 10
 CORNERS = Corners(0.1, 0.005)
