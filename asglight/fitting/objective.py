@@ -36,7 +36,7 @@ EVEN_CORNER = 0.2
 which the last scaling mends."""
 
 PART_ROWS = 128
-"""Rows of the grid of parts, 1.4 degrees each: steps on finer ones gained nothing on real maps."""
+"""Rows of the grid of parts, 1.4 degrees each: finer ones gain little on real maps."""
 
 
 @dataclass(frozen=True)
