@@ -107,11 +107,10 @@ def pull(views: tuple[Tensor, ...], height: int) -> Tensor:
 
 def _between_rows(weights: Tensor, spectrum: Tensor) -> Tensor:
     """Multiply each frequency by its matrix.  [F, R, H], [..., H, F] complex -> [..., R, F]."""
-    parts = torch.view_as_real(spectrum.reshape(-1, *spectrum.shape[-2:])).permute(
-        2, 1, 0, 3
-    )  # [F, H, M, 2]
-    result = torch.bmm(weights, parts.flatten(2)).unflatten(2, (-1, 2))  # [F, R, M, 2]
-    back = torch.view_as_complex(result.permute(2, 1, 0, 3).contiguous())
+    rows, frequencies = spectrum.shape[-2:]
+    parts = torch.view_as_real(spectrum.reshape(-1, rows, frequencies)).permute(2, 1, 0, 3)
+    result = torch.bmm(weights, parts.reshape(frequencies, rows, -1)).unflatten(2, (-1, 2))
+    back = torch.view_as_complex(result).permute(2, 1, 0)  # moved as complex numbers, not as reals
     return back.reshape(*spectrum.shape[:-2], *back.shape[-2:])
 
 

@@ -22,7 +22,7 @@ _EFFORT = {
     Preset.BEST: first_frame.BEST,
 }
 
-_PACE = {
+_LEVELS = {
     Preset.LIVE: following.LIVE,
     Preset.FAST: following.FAST,
     Preset.BEST: following.BEST,
@@ -52,7 +52,7 @@ def fit_frame(
         return _paper_frame(reference, options, previous, on_step)
     with one_thread():
         if previous is not None:
-            return fit_next_frame(reference, previous, earlier, _PACE[options.preset])
+            return fit_next_frame(reference, previous, earlier, _LEVELS[options.preset])
         first = fit_first_frame(reference, options.lobes, options.form, _EFFORT[options.preset])
         return replace(first, lobes=canonical(first.lobes))
 
