@@ -6,25 +6,20 @@ new one, and the frames fitted so far are kept beside it (checkpoint.py). `fit_s
 fit in memory.
 """
 
-import contextlib
-import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import torch
-
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
-from asglight.fitting.sequence import fit_frame
 from asglight.images import Sequence, open_sequence
 from asglight.images.message import shown
 from asglight.images.sequence import Missing
-from asglight.lobes import Form, Lobes, LobeTracks
+from asglight.lobes import Form, LobeTracks
 from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
-from asglight.shots.events import FrameDone, Notice, OnProgress, Started, StepDone, ignore
-from asglight.shots.reading import ReadFrame, read_ahead, stamp_of
+from asglight.shots.events import Notice, OnProgress, Started, ignore
+from asglight.shots.frames import fit_frames, frame_done
+from asglight.shots.reading import stamp_of
 from asglight.shots.records import FrameRecord
 from asglight.shots.refining import refined
 from asglight.shots.settings import (
@@ -38,9 +33,6 @@ from asglight.shots.tracks import tracks_from
 
 if TYPE_CHECKING:
     from asglight.usd import WriteReport
-
-RECENT_FRAMES = 8
-"""Frames whose mean time foretells the rest: enough to smooth, few enough to follow a change."""
 
 
 @dataclass(frozen=True)
@@ -109,9 +101,9 @@ def fit_shot(
         _check_unchanged(sequence, checkpoint)
         _tell_state(checkpoint, on_progress)
         on_progress(Started(len(sequence), resumed))
-        for record in _fit_frames(sequence, options, checkpoint.records, on_progress):
+        for record in fit_frames(sequence, options, checkpoint.records, on_progress):
             checkpoint.append(record)
-            on_progress(_frame_done(checkpoint.records, resumed, len(sequence)))
+            on_progress(frame_done(checkpoint.records, resumed, len(sequence)))
         records = refined(checkpoint.records, sequence, options, on_progress)
         tracks = tracks_from(records, sequence, options, fps)
         written = write_usd(tracks, output, representation=representation)
@@ -161,80 +153,11 @@ def fit_sequence(
     sequence = open_sequence(source, frames=frames, missing=missing, height=FIT_HEIGHT, layer=layer)
     on_progress(Started(len(sequence), 0))
     records: list[FrameRecord] = []
-    for record in _fit_frames(sequence, options, records, on_progress):
+    for record in fit_frames(sequence, options, records, on_progress):
         records.append(record)
-        on_progress(_frame_done(records, 0, len(sequence)))
+        on_progress(frame_done(records, 0, len(sequence)))
     records = refined(records, sequence, options, on_progress)
     return tracks_from(records, sequence, options, fps)
-
-
-def _fit_frames(
-    sequence: Sequence, options: FitOptions, done: list[FrameRecord], on_progress: OnProgress
-) -> Iterator[FrameRecord]:
-    """Fit the frames that follow those that are done."""
-    before = [record.lobes for record in done[-2:]]
-    frames = list(sequence.frames[len(done) :])
-    with contextlib.closing(read_ahead(sequence, frames)) as images:
-        for frame in frames:
-            begin = time.perf_counter()
-            record = _fit_one(frame, next(images), options, before, on_progress, begin)
-            before = [*before[-1:], record.lobes]
-            yield record
-
-
-def _fit_one(
-    frame: int,
-    read: ReadFrame,
-    options: FitOptions,
-    before: list[Lobes],
-    on_progress: OnProgress,
-    begin: float,
-) -> FrameRecord:
-    """Fit one frame; what the next one starts from is exactly what a checkpoint keeps."""
-    there = [lobes.to(options.device) for lobes in before]
-    fit = fit_frame(
-        read.image.radiance.to(options.device),
-        options,
-        there[-1] if there else None,
-        there[-2] if len(there) > 1 else None,
-        lambda step, steps, loss: on_progress(StepDone(frame, step, steps, loss)),
-    )
-    lobes = fit.lobes.to("cpu", torch.float32)
-    numbers = torch.cat(
-        [lobes.axes.flatten(), lobes.sharpness.flatten(), lobes.amplitude.flatten()]
-    )
-    if not bool(torch.isfinite(numbers).all()):
-        raise RuntimeError(f"frame {frame}: the fit has values that are not finite")
-    return FrameRecord(
-        frame=frame,
-        lobes=lobes,
-        loss=float(fit.loss),
-        flux_error=float(fit.flux_error),
-        repair=read.image.repair,
-        stamp=read.stamp,
-        seconds=time.perf_counter() - begin,
-    )
-
-
-def _frame_done(records: list[FrameRecord], resumed: int, frames: int) -> FrameDone:
-    """Return the event of the last record."""
-    last = records[-1]
-    recent = records[resumed:][-RECENT_FRAMES:]
-    # A shot's first frame is fitted from nothing and takes several times longer than the others.
-    if len(recent) > 1 and recent[0] is records[0]:
-        recent = recent[1:]
-    mean = sum(record.seconds for record in recent) / len(recent)
-    left = mean * (frames - len(records))
-    return FrameDone(
-        last.frame,
-        len(records),
-        frames,
-        last.loss,
-        last.flux_error,
-        last.seconds,
-        left,
-        last.repair,
-    )
 
 
 def _check_unchanged(sequence: Sequence, checkpoint: Checkpoint) -> None:

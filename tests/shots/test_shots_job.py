@@ -16,7 +16,7 @@ from asglight.fitting.options import FitOptions
 from asglight.fitting.whole_shot import refine_shot
 from asglight.lobes import asg
 from asglight.lobes.data import stack
-from asglight.shots import fit_sequence, fit_shot, job
+from asglight.shots import fit_sequence, fit_shot, frames, job
 from asglight.shots.checkpoint import SUFFIX
 from asglight.shots.events import Event, FrameDone, Notice, Refined, Started, StepDone
 from asglight.sphere.quadrature import fibonacci_directions
@@ -223,14 +223,14 @@ def test_a_black_sequence_becomes_a_stage(tmp_path: Path, output: Path) -> None:
 def test_a_fit_that_is_not_finite_is_a_bug_and_is_never_kept(
     source: Path, output: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    original = job.fit_frame
+    original = frames.fit_frame
 
     def broken(*args: object, **kwargs: object) -> object:
         fit = original(*args, **kwargs)  # pyright: ignore[reportArgumentType]
         fit.lobes.sharpness[0, 0] = float("nan")
         return fit
 
-    monkeypatch.setattr(job, "fit_frame", broken)
+    monkeypatch.setattr(frames, "fit_frame", broken)
     with pytest.raises(RuntimeError, match="frame 1001: the fit has values that are not finite"):
         fit_shot(source, output, shot_files.OPTIONS)
     assert list(output.parent.iterdir()) == []
