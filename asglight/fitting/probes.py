@@ -45,24 +45,25 @@ PROBES = (
 )
 
 
-def probe(images: Tensor, height: int) -> tuple[Tensor, ...]:
+def probe(images: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> tuple[Tensor, ...]:
     """Filter images with every probe.
 
     Args:
         images: On a grid of `height` rows.  [..., P]
         height: Rows of that grid.
+        sources: The probes.
 
     Returns:
         What each probe shows of each image, ring by ring.  One [..., D] a probe.
     """
     on_grid = {height: images}
     views: dict[Probe, Tensor] = {}
-    for rows in sorted({probe_rows(p, height) for p in PROBES}, reverse=True):
+    for rows in sorted({probe_rows(p, height) for p in sources}, reverse=True):
         finer = min(h for h in on_grid if h % rows == 0)
         on_grid[rows] = coarsen(on_grid[finer], finer, rows)
-        sharing = tuple(p for p in PROBES if probe_rows(p, height) == rows)
+        sharing = tuple(p for p in sources if probe_rows(p, height) == rows)
         views.update(zip(sharing, _views(on_grid[rows], sharing, rows), strict=True))
-    return tuple(views[p] for p in PROBES)
+    return tuple(views[p] for p in sources)
 
 
 def _views(images: Tensor, sharing: tuple[Probe, ...], rows: int) -> list[Tensor]:
@@ -119,9 +120,9 @@ def probe_rows(source: Probe, height: int) -> int:
     return coarser(height, source.height)
 
 
-def shares(height: int, device: str) -> tuple[Tensor, ...]:
+def shares(height: int, device: str, sources: tuple[Probe, ...] = PROBES) -> tuple[Tensor, ...]:
     """Return each view's share of the sphere.  One [D] a probe."""
-    return tuple(_shares(p, probe_rows(p, height), device) for p in PROBES)
+    return tuple(_shares(p, probe_rows(p, height), device) for p in sources)
 
 
 def directions(source: Probe, rows: int) -> Tensor:
