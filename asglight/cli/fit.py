@@ -4,6 +4,7 @@
 import argparse
 from typing import Any, get_args
 
+from asglight.cli.leaving_out import left_out_lines
 from asglight.cli.parser import (
     add_input_options,
     add_json_option,
@@ -13,7 +14,7 @@ from asglight.cli.parser import (
 from asglight.cli.printing import counted, duration, frame_range, percent, print_json, size
 from asglight.cli.progress import reporter
 from asglight.errors import InputError
-from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.options import LOBES, MAX_LOBES, FitOptions, Preset
 from asglight.images.frame_files import ranges
 from asglight.images.sequence import Missing
 from asglight.lobes import Form
@@ -31,7 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     default = FitOptions()
     add("input", metavar="INPUT", help="image file, folder, or pattern such as sky.####.exr")
     add("-o", "--output", required=True, metavar="STAGE", help="stage: .usda, .usdc or .usd")
-    add("--lobes", type=int, default=default.lobes, help="number of lobes (default: %(default)s)")
+    add("--lobes", type=int, metavar="N", help=f"number of lobes (default: {LOBES})")
+    fewest = (
+        "in place of --lobes: the fewest with which irr and r0.5 of every frame stay at or below"
+    )
+    add("--tolerance", type=float, metavar="ERROR", help=f"{fewest} this, such as 0.02")
+    most = f"lobes at most, with --tolerance (default: {MAX_LOBES})"
+    add("--max-lobes", type=int, metavar="N", help=most)
     presets, made = [str(preset) for preset in Preset], "how the fit is made (default: %(default)s)"
     add("--preset", choices=presets, default=str(default.preset), help=made)
     forms = [str(form) for form in Form]
@@ -100,6 +107,8 @@ def options_from(arguments: argparse.Namespace) -> FitOptions:
         seed=arguments.seed,
         device=arguments.device,
         paper_steps=steps or FitOptions().paper_steps,
+        tolerance=arguments.tolerance,
+        max_lobes=arguments.max_lobes,
     )
 
 
@@ -112,15 +121,22 @@ def as_document(result: ShotResult, output: str) -> dict[str, Any]:
             "flux_error": record.flux_error,
             "seconds": record.seconds,
             "repair": record.repair.sentence(),
+            "repeats": record.repeats,
         }
         for record in result.records
     ]
+    metadata = result.tracks.metadata
+    with_tolerance = ("tolerance", "tolerance_met", "worst_errors")
     return {
         "output": output,
         "bytes": result.written.bytes,
         "lobes": result.tracks.lobes.count,
-        "left_out": result.tracks.metadata["left_out"],
-        "preset": result.tracks.metadata["preset"],
+        "fitted_lobes": metadata["lobes"],
+        "left_out": metadata["left_out"],
+        **(
+            {name: metadata[name] for name in with_tolerance} if "tolerance_met" in metadata else {}
+        ),
+        "preset": metadata["preset"],
         "form": str(result.tracks.lobes.form),
         "fps": result.tracks.fps,
         "resumed": result.resumed,
@@ -143,8 +159,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
     ]
     if document["resumed"]:
         lines.append(f"resumed: {counted(document['resumed'], 'frame')} from an earlier run")
-    if document["left_out"]:
-        lines.append(f"left out: {counted(document['left_out'], 'lobe')}, black in every frame")
+    lines += left_out_lines({**document, "lobes": document["fitted_lobes"]})
     repaired = repair_line(document["repairs"])
     return [*lines, repaired] if repaired else lines
 

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from asglight.cli.fit import repair_line
+from asglight.cli.leaving_out import left_out_lines
 from asglight.cli.parser import add_json_option
 from asglight.cli.printing import counted, frame_range, print_json, size, table
 from asglight.lobes import LobeTracks, asg
@@ -112,8 +113,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
             f"fitted: preset {metadata['preset']}, from {metadata.get('source', 'unknown')}, "
             f"asglight {metadata.get('asglight', 'unknown')}"
         )
-    if metadata.get("left_out"):
-        lines.append(f"left out: {counted(metadata['left_out'], 'lobe')}, black in every frame")
+    lines += left_out_lines(metadata)
     repaired = repair_line(metadata["repairs"]) if "repairs" in metadata else ""
     return [*lines, repaired] if repaired else lines
 

@@ -10,8 +10,8 @@ from typing import Protocol, TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 
-from asglight.cli.printing import duration, percent
-from asglight.shots.events import Event, FrameDone, Notice, Refined, Started, StepDone
+from asglight.cli.printing import counted, duration, percent
+from asglight.shots.events import Event, FrameDone, Notice, Refined, Searched, Started, StepDone
 
 STEP_LINE_SECONDS = 30.0
 """Between two lines about one slow frame: often enough to see that it lives, few in a log."""
@@ -62,6 +62,8 @@ class Lines:
                 self._print(frame_line(event))
             case Notice(text=text):
                 self._print(f"asglight: {text}")
+            case Searched():
+                self._print(search_line(event))
             case Refined():
                 self._print(f"refined {event.done}/{event.frames}")
             case StepDone() if time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
@@ -97,6 +99,7 @@ class Bar:
             self._fit = self._progress.add_task(
                 "fitting", total=event.frames, completed=event.done, numbers=""
             )
+            self._refine = None
             return
         assert self._fit is not None, "an event before the start"
         if isinstance(event, Refined):
@@ -104,7 +107,9 @@ class Bar:
                 self._refine = self._progress.add_task("refining", total=event.frames, numbers="")
             self._progress.update(self._refine, completed=event.done)
             return
-        if isinstance(event, StepDone):
+        if isinstance(event, Searched):
+            self._progress.update(self._fit, numbers=search_line(event))
+        elif isinstance(event, StepDone):
             numbers = f"frame {event.frame}  {step_numbers(event)}"
             self._progress.update(self._fit, numbers=numbers)
         else:
@@ -119,9 +124,16 @@ class Bar:
             self._progress.advance(task)
 
 
+def search_line(event: Searched) -> str:
+    """Return a number of lobes that was tried as one line of a log."""
+    return f"frame {event.frame} with {counted(event.lobes, 'lobe')}: error {event.error:.4f}"
+
+
 def frame_line(event: FrameDone) -> str:
     """Return a finished frame as one line of a log."""
     line = f"frame {event.frame} ({event.position}/{event.frames})  {frame_numbers(event)}"
+    if event.repeats is not None:
+        line = f"{line}, as frame {event.repeats}"
     # Negative texels are in nearly every frame of some sequences; the summary counts them.
     if event.repair.filled_from or event.repair.nonfinite:
         return f"{line}  [{event.repair.sentence()}]"

@@ -1,14 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a fit can be asked for."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Self
 
 from asglight.fitting import paper
 from asglight.lobes import Form
 
 FIT_HEIGHT = 256
 """Rows of the map that is fitted, as in Clausen et al. 2024; finer maps are averaged down to it."""
+
+LOBES = 15
+"""Lobes of a fit that asks for no number, as in Clausen et al. 2024."""
+
+MAX_LOBES = 30
+"""Lobes of a fit with a tolerance, at most: ten real maps come to 2 % with 16 or fewer, and a
+moving sequence takes more."""
 
 
 class Preset(StrEnum):
@@ -29,17 +37,32 @@ class FitOptions:
     """Settings of a fit.
 
     Attributes:
-        lobes: Number of lobes.
+        lobes: Number of lobes; None for `LOBES` or, with a tolerance, for as many as it takes.
         preset: How.
         form: Lobe function.
         seed: Of the `paper` preset's start; the others draw no random numbers.
         device: Where torch computes: "cpu", "cuda", "cuda:1".
         paper_steps: Adam steps of the `paper` preset for the first and for each next frame.
+        tolerance: Largest irr and r0.5 (measures.py) of any frame; None fits a number of lobes.
+        max_lobes: With a tolerance, lobes at most; None for `MAX_LOBES`.
     """
 
-    lobes: int = 15
+    lobes: int | None = None
     preset: Preset = Preset.FAST
     form: Form = Form.ASG
     seed: int = 0
     device: str = "cpu"
     paper_steps: tuple[int, int] = (paper.FIRST_FRAME_STEPS, paper.NEXT_FRAME_STEPS)
+    tolerance: float | None = None
+    max_lobes: int | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of lobes of one fit."""
+        return LOBES if self.lobes is None else self.lobes
+
+    def settled(self) -> Self:
+        """Return the same settings with every number that they leave open."""
+        if self.tolerance is None:
+            return replace(self, lobes=self.count)
+        return replace(self, max_lobes=self.max_lobes or MAX_LOBES)

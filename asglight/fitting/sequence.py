@@ -53,7 +53,7 @@ def fit_frame(
     with one_thread():
         if previous is not None:
             return fit_next_frame(reference, previous, earlier, _LEVELS[options.preset])
-        first = fit_first_frame(reference, options.lobes, options.form, _EFFORT[options.preset])
+        first = fit_first_frame(reference, options.count, options.form, _EFFORT[options.preset])
         return replace(first, lobes=canonical(first.lobes))
 
 
@@ -75,7 +75,7 @@ def one_thread() -> Iterator[None]:
 def _paper_frame(
     reference: Tensor, options: FitOptions, previous: Lobes | None, on_step: StepCallback | None
 ) -> FrameFit:
-    start = previous or paper.start(reference, options.lobes, options.form, options.seed)
+    start = previous or paper.start(reference, options.count, options.form, options.seed)
     steps = options.paper_steps[0 if previous is None else 1]
     report = None if on_step is None else (lambda step, loss: on_step(step, steps, loss))
     lobes = paper.fit_frame(reference, start, steps=steps, previous=previous, on_step=report)

@@ -26,7 +26,7 @@ from asglight.lobes import Form
 from asglight.shots.records import FrameRecord, from_json, line_from, parse_line, to_json
 
 FORMAT = "asglight checkpoint"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 SUFFIX = ".checkpoint"
 
 _FIRST_BYTES = b'{"record":{"format":"asglight checkpoint"'
@@ -106,6 +106,11 @@ class Checkpoint:
             raise _not_writable(self.path, error) from error
         self._length += len(lines)
         self.records.append(record)
+
+    def restart(self) -> None:
+        """Forget the frames; the next one replaces those on disk."""
+        self.records = []
+        self._length = 0
 
     def remove(self) -> None:
         """Delete the file: the shot is written."""

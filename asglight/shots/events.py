@@ -13,7 +13,7 @@ from asglight.images import Repair
 
 @dataclass(frozen=True)
 class Started:
-    """The input was found and the output can be written.
+    """The input was found and the output can be written; or the shot is fitted once more.
 
     Attributes:
         frames: Frames of the shot.
@@ -22,6 +22,21 @@ class Started:
 
     frames: int
     done: int
+
+
+@dataclass(frozen=True)
+class Searched:
+    """One number of lobes was tried on one frame, in search of the fewest that a tolerance allows.
+
+    Attributes:
+        frame: Frame number.
+        lobes: How many.
+        error: The larger of irr and r0.5.
+    """
+
+    frame: int
+    lobes: int
+    error: float
 
 
 @dataclass(frozen=True)
@@ -54,6 +69,8 @@ class FrameDone:
         seconds: Time this frame took.
         seconds_left: Expected time for the rest.
         repair: What was changed in its image.
+        repeats: The earlier frame with the same pixels, whose lobes it has; None where it was
+            fitted.
     """
 
     frame: int
@@ -64,6 +81,7 @@ class FrameDone:
     seconds: float
     seconds_left: float
     repair: Repair
+    repeats: int | None = None
 
 
 @dataclass(frozen=True)
@@ -72,7 +90,7 @@ class Refined:
 
     Attributes:
         done: Frames so far.
-        frames: Frames of the shot.
+        frames: Frames of the shot that repeat no other.
     """
 
     done: int
@@ -86,7 +104,7 @@ class Notice:
     text: str
 
 
-Event = Started | StepDone | FrameDone | Refined | Notice
+Event = Started | Searched | StepDone | FrameDone | Refined | Notice
 OnProgress = Callable[[Event], None]
 
 

@@ -3,34 +3,82 @@
 
 import contextlib
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import torch
+from torch import Tensor
 
-from asglight.fitting.options import FitOptions
+from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
 from asglight.images import Sequence
 from asglight.lobes import Lobes
 from asglight.shots.events import FrameDone, OnProgress, StepDone
 from asglight.shots.reading import ReadFrame, read_ahead
-from asglight.shots.records import FrameRecord
+from asglight.shots.records import FrameRecord, own_frames
 
 RECENT_FRAMES = 8
 """Frames whose mean time foretells the rest: enough to smooth, few enough to follow a change."""
 
 
+OnImage = Callable[[int, Tensor], None]
+"""Called with the number and the radiance [H, 2 H, 3] of each frame that repeats no other."""
+
+
+def no_image(frame: int, radiance: Tensor) -> None:
+    """Take an image and do nothing with it."""
+
+
 def fit_frames(
-    sequence: Sequence, options: FitOptions, done: list[FrameRecord], on_progress: OnProgress
+    sequence: Sequence,
+    options: FitOptions,
+    done: list[FrameRecord],
+    on_progress: OnProgress,
+    on_image: OnImage = no_image,
 ) -> Iterator[FrameRecord]:
-    """Fit the frames that follow those that are done."""
-    before = [record.lobes for record in done[-2:]]
+    """Fit the frames that follow those that are done.
+
+    A frame whose pixels equal those of the frame before takes its lobes; what the next frame starts
+    from are the last two frames that differ. The `paper` preset fits every frame, as published.
+
+    Args:
+        sequence: The frames.
+        options: Settings of the fit.
+        done: Frames of an earlier run.
+        on_progress: Called with each event.
+        on_image: Called with each image that is fitted.
+    """
+    before = [record.lobes for record in own_frames(done)[-2:]]
+    last = done[-1] if done else None
     frames = list(sequence.frames[len(done) :])
+    shown = None
+    if last is not None and frames and options.preset is not Preset.PAPER:
+        shown = sequence.read(last.frame).radiance
     with contextlib.closing(read_ahead(sequence, frames)) as images:
         for frame in frames:
             begin = time.perf_counter()
-            record = _fit_one(frame, next(images), options, before, on_progress, begin)
-            before = [*before[-1:], record.lobes]
+            read = next(images)
+            if last is not None and shown is not None and torch.equal(read.image.radiance, shown):
+                record = _repeated(frame, read, last, begin)
+            else:
+                on_image(frame, read.image.radiance)
+                record = _fit_one(frame, read, options, before, on_progress, begin)
+                before = [*before[-1:], record.lobes]
+            last = record
+            shown = None if options.preset is Preset.PAPER else read.image.radiance
             yield record
+
+
+def _repeated(frame: int, read: ReadFrame, last: FrameRecord, begin: float) -> FrameRecord:
+    """Return a frame that shows what the one before shows."""
+    return replace(
+        last,
+        frame=frame,
+        repair=read.image.repair,
+        stamp=read.stamp,
+        seconds=time.perf_counter() - begin,
+        repeats=last.frame if last.repeats is None else last.repeats,
+    )
 
 
 def _fit_one(
@@ -85,4 +133,5 @@ def frame_done(records: list[FrameRecord], resumed: int, frames: int) -> FrameDo
         last.seconds,
         left,
         last.repair,
+        last.repeats,
     )

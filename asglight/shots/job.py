@@ -17,11 +17,10 @@ from asglight.images.message import shown
 from asglight.images.sequence import Missing
 from asglight.lobes import Form, LobeTracks
 from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
-from asglight.shots.events import Notice, OnProgress, Started, ignore
-from asglight.shots.frames import fit_frames, frame_done
+from asglight.shots.events import Notice, OnProgress, ignore
 from asglight.shots.reading import stamp_of
 from asglight.shots.records import FrameRecord
-from asglight.shots.refining import refined
+from asglight.shots.rounds import InMemory, fitted_shot
 from asglight.shots.settings import (
     Representation,
     check_fps,
@@ -94,27 +93,23 @@ def fit_shot(
     check_fps(fps)
     check_output(output, representation)
     sequence = open_sequence(source, frames=frames, missing=missing, height=FIT_HEIGHT, layer=layer)
+    options = options.settled()
     header = header_of(settings_of(sequence, options, fps))
     path = output.with_name(output.name + SUFFIX)
     with Checkpoint(path, header, resume=resume) as checkpoint:
-        resumed = len(checkpoint.records)
         _check_unchanged(sequence, checkpoint)
         _tell_state(checkpoint, on_progress)
-        on_progress(Started(len(sequence), resumed))
-        for record in fit_frames(sequence, options, checkpoint.records, on_progress):
-            checkpoint.append(record)
-            on_progress(frame_done(checkpoint.records, resumed, len(sequence)))
-        records = refined(checkpoint.records, sequence, options, on_progress)
-        tracks = tracks_from(records, sequence, options, fps)
+        shot = fitted_shot(sequence, options, checkpoint, on_progress)
+        tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
         written = write_usd(tracks, output, representation=representation)
         checkpoint.remove()
-    return ShotResult(tracks, tuple(records), resumed, written)
+    return ShotResult(tracks, tuple(shot.records), shot.resumed, written)
 
 
 def fit_sequence(
     source: str | Path,
     *,
-    lobes: int = 15,
+    lobes: int | None = None,
     preset: str = Preset.FAST,
     form: str = Form.ASG,
     seed: int = 0,
@@ -123,6 +118,8 @@ def fit_sequence(
     fps: float = 24.0,
     missing: Missing = "error",
     layer: str | None = None,
+    tolerance: float | None = None,
+    max_lobes: int | None = None,
     on_progress: OnProgress = ignore,
 ) -> LobeTracks:
     """Fit lobes to a latlong image or sequence.
@@ -133,7 +130,7 @@ def fit_sequence(
 
     Args:
         source: A file, a folder, or a pattern such as `sky.####.exr`.
-        lobes: Number of lobes, at most; those that are black in every frame are left out.
+        lobes: Number of lobes, at most (None: 15); those that the shot does not need are left out.
         preset: How the fit is made: a value of `asglight.fitting.options.Preset`.
         form: Lobe function: `asg`, `bingham` or `sg`.
         seed: Of the presets that draw random numbers.
@@ -142,22 +139,28 @@ def fit_sequence(
         fps: Frames per second.
         missing: `error`, or what stands in for a missing frame: `hold` or `interpolate`.
         layer: Layer or part of OpenEXR files; None for the plain image.
+        tolerance: In place of `lobes`: the fewest with which irr and r0.5 of every frame stay at or
+            below this.
+        max_lobes: With a tolerance, lobes at most (None: 30).
         on_progress: Called with each event of `asglight.shots.events`.
 
     Raises:
         InputError: The input or a setting cannot be used.
     """
-    options = FitOptions(lobes, _preset(preset), _form(form), seed, device)
+    options = FitOptions(
+        lobes,
+        _preset(preset),
+        _form(form),
+        seed,
+        device,
+        tolerance=tolerance,
+        max_lobes=max_lobes,
+    )
     check_options(options)
     check_fps(fps)
     sequence = open_sequence(source, frames=frames, missing=missing, height=FIT_HEIGHT, layer=layer)
-    on_progress(Started(len(sequence), 0))
-    records: list[FrameRecord] = []
-    for record in fit_frames(sequence, options, records, on_progress):
-        records.append(record)
-        on_progress(frame_done(records, 0, len(sequence)))
-    records = refined(records, sequence, options, on_progress)
-    return tracks_from(records, sequence, options, fps)
+    shot = fitted_shot(sequence, options.settled(), InMemory(), on_progress)
+    return tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
 
 
 def _check_unchanged(sequence: Sequence, checkpoint: Checkpoint) -> None:

@@ -37,6 +37,7 @@ class FrameRecord:
         repair: What was changed in the image.
         stamp: Size in bytes and modification time in ns of the image file.
         seconds: Time the frame took, reading included.
+        repeats: The earlier frame with the same pixels, whose lobes these are; None for its own.
     """
 
     frame: int
@@ -46,6 +47,7 @@ class FrameRecord:
     repair: Repair
     stamp: tuple[int, int]
     seconds: float
+    repeats: int | None = None
 
 
 def line_from(record: dict[str, Any]) -> bytes:
@@ -73,6 +75,7 @@ def to_json(record: FrameRecord) -> dict[str, Any]:
         "repair": dataclasses.asdict(record.repair),
         "stamp": list(record.stamp),
         "seconds": record.seconds,
+        "repeats": record.repeats,
     }
 
 
@@ -95,7 +98,21 @@ def from_json(record: dict[str, Any], form: Form) -> FrameRecord:
         ),
         stamp=(size, time),
         seconds=record["seconds"],
+        repeats=record["repeats"],
     )
+
+
+def own_frames(records: list[FrameRecord]) -> list[FrameRecord]:
+    """Return the frames that repeat no other."""
+    return [record for record in records if record.repeats is None]
+
+
+def places_of(records: list[FrameRecord]) -> list[int]:
+    """Return for each frame which of `own_frames` holds its lobes."""
+    places: list[int] = []
+    for record in records:
+        places.append((places[-1] if places else -1) + (record.repeats is None))
+    return places
 
 
 def _text_from_lobes(lobes: Lobes) -> str:

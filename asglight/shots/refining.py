@@ -19,7 +19,7 @@ from asglight.images.message import shown
 from asglight.lobes.data import stack
 from asglight.shots.events import OnProgress, Refined
 from asglight.shots.reading import read_ahead
-from asglight.shots.records import FrameRecord
+from asglight.shots.records import FrameRecord, own_frames, places_of
 
 REFINED = (Preset.FAST, Preset.BEST)
 """Presets whose shots are refined: `live` has no time, and `paper` is as published."""
@@ -30,6 +30,8 @@ def refined(
 ) -> list[FrameRecord]:
     """Refine the frames of a shot between their neighbours, if the preset asks for it.
 
+    Frames that repeat another count once.
+
     Args:
         records: Every frame as fitted after the one before.
         sequence: Where they came from; read once more.
@@ -39,24 +41,28 @@ def refined(
     Raises:
         InputError: A frame has changed since it was fitted, or cannot be read any more.
     """
-    if options.preset not in REFINED or len(records) < 2:
+    own = own_frames(records)
+    if options.preset not in REFINED or len(own) < 2:
         return records
-    result = list(records)
-    shot = stack([record.lobes for record in records])
+    result = list(own)
+    shot = stack([record.lobes for record in own])
     with one_thread():
-        for first, lobes, losses in refine_shot(shot, _chunks(records, sequence, options)):
+        for first, lobes, losses in refine_shot(shot, _chunks(own, sequence, options)):
             for place, loss in enumerate(losses):
                 index = first + place
-                result[index] = replace(records[index], lobes=lobes[place], loss=loss)
-            on_progress(Refined(first + len(losses), len(records)))
-    return result
+                result[index] = replace(own[index], lobes=lobes[place], loss=loss)
+            on_progress(Refined(first + len(losses), len(own)))
+    return [
+        replace(record, lobes=result[place].lobes, loss=result[place].loss)
+        for record, place in zip(records, places_of(records), strict=True)
+    ]
 
 
 def _chunks(
     records: list[FrameRecord], sequence: Sequence, options: FitOptions
 ) -> Iterator[list[Exposed]]:
     """Read the frames once more, a few at a time."""
-    with contextlib.closing(read_ahead(sequence, list(sequence.frames))) as images:
+    with contextlib.closing(read_ahead(sequence, [record.frame for record in records])) as images:
         chunk: list[Exposed] = []
         for record, read in zip(records, images, strict=True):
             if read.stamp != record.stamp:

@@ -11,7 +11,7 @@ import torch
 
 from asglight import __version__
 from asglight.errors import InputError
-from asglight.fitting.options import FitOptions
+from asglight.fitting.options import FitOptions, Preset
 from asglight.images import Sequence
 from asglight.images.message import shown
 
@@ -33,8 +33,10 @@ def check_options(options: FitOptions) -> None:
     Raises:
         InputError: A value is out of range, or the device is not there.
     """
-    if not 1 <= options.lobes <= LOBES_MAX:
-        raise InputError(f"lobes: {options.lobes}; expected 1 to {LOBES_MAX}.")
+    for name, count in (("lobes", options.lobes), ("max lobes", options.max_lobes)):
+        if count is not None and not 1 <= count <= LOBES_MAX:
+            raise InputError(f"{name}: {count}; expected 1 to {LOBES_MAX}.")
+    _check_tolerance(options)
     if not 0 <= options.seed <= SEED_MAX:
         raise InputError(f"seed: {options.seed}; expected 0 to 2^63 - 1.")
     if len(options.paper_steps) != 2 or min(options.paper_steps) < 1:
@@ -44,6 +46,33 @@ def check_options(options: FitOptions) -> None:
             "24000,6000: the first frame's and each next one's."
         )
     _check_device(options.device)
+
+
+def _check_tolerance(options: FitOptions) -> None:
+    """Refuse a tolerance that is none, and what cannot stand beside one."""
+    tolerance = options.tolerance
+    if tolerance is None:
+        if options.max_lobes is not None:
+            raise InputError(
+                f"max lobes: {options.max_lobes} without a tolerance; expected both or neither. "
+                "Add --tolerance 0.02, or give a fixed number with --lobes."
+            )
+        return
+    if not 0 < tolerance < 1:
+        raise InputError(
+            f"tolerance: {tolerance:g}; expected a relative error above 0 and below 1, such as "
+            "0.02."
+        )
+    if options.lobes is not None:
+        raise InputError(
+            f"lobes: {options.lobes} beside a tolerance, which finds their number; expected one of "
+            "the two. Leave out --lobes, or bound the number with --max-lobes."
+        )
+    if options.preset is Preset.PAPER:
+        raise InputError(
+            "tolerance: given with --preset paper, which fits a fixed number of lobes; expected "
+            "--preset live, fast or best."
+        )
 
 
 def check_fps(fps: float) -> None:

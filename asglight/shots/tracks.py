@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From fitted frames to lobe tracks: continuous frames, black lobes left out, the account.
+"""From fitted frames to lobe tracks: continuous frames, what is not needed left out, the account.
 
 The metadata holds nothing that differs between two runs on the same input, so that a resumed run
 writes the same bytes as an unbroken one: no time, no host, no absolute path.
@@ -12,14 +12,16 @@ from typing import Any
 import torch
 
 from asglight import __version__
-from asglight.fitting.options import FitOptions
+from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.temporal import waiting
 from asglight.images import Sequence
 from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
 from asglight.lobes.frames import continuous
-from asglight.shots.records import FrameRecord
+from asglight.shots.leaving_out import account, simplified
+from asglight.shots.records import FrameRecord, own_frames, places_of
 from asglight.shots.settings import options_as_json
+from asglight.shots.tolerance import Accuracy, worst
 
 
 def tracks_from(
@@ -27,29 +29,51 @@ def tracks_from(
     sequence: Sequence,
     options: FitOptions,
     fps: float,
+    accuracy: Accuracy | None = None,
 ) -> LobeTracks:
-    """Return the tracks of a shot.
+    """Return the tracks of a shot, without what it does not need.
 
     Args:
         records: Every frame, in order.
         sequence: Where they came from.
         options: How they were fitted.
         fps: Frames per second.
+        accuracy: Measures the frames, where the shot has a tolerance.
     """
-    lobes = continuous(waiting(stack([record.lobes for record in records])))  # [F, N, .]
-    lit = lit_lobes(lobes)
+    own = own_frames(records)
+    numbers = [record.frame for record in own]
+    lobes = continuous(waiting(stack([record.lobes for record in own])))  # [F', N, .]
+    fitted, lit = lobes.count, lit_lobes(lobes)
+    lobes, budget = lobes.select(lit), None
+    if options.preset is not Preset.PAPER:  # which stays as published
+        lobes, budget = simplified(lobes, numbers, accuracy)
+    measured = {} if accuracy is None else _measured(accuracy, numbers, lobes)
+    lobes = lobes[torch.tensor(places_of(records))]  # [F, N', .]
+    repeated = [record.frame for record in records if record.repeats is not None]
     metadata = {
         "asglight": __version__,
         "source": Path(sequence.pattern).name,
         "layer": sequence.layer,
         "missing": sequence.missing,
         **options_as_json(options),
-        "left_out": lobes.count - int(lit.sum()),
+        **measured,
+        "left_out": account(fitted, int(lit.sum()), lobes, repeated, budget),
         "loss": [_finite(record.loss) for record in records],
         "flux_error": [_finite(record.flux_error) for record in records],
         "repairs": repairs_of(records),
     }
-    return LobeTracks(sequence.frames, fps, lobes.select(lit), metadata)
+    return LobeTracks(sequence.frames, fps, lobes, metadata)
+
+
+def _measured(accuracy: Accuracy, frames: list[int], lobes: Lobes) -> dict[str, Any]:
+    """Return the largest errors and whether they are within the tolerance, as JSON values."""
+    largest = worst(frames, accuracy.errors(frames, lobes))
+    return {
+        "tolerance_met": all(one.value <= accuracy.limit for one in largest),
+        "worst_errors": {
+            one.name: {"error": _finite(one.value), "frame": one.frame} for one in largest
+        },
+    }
 
 
 def lit_lobes(lobes: Lobes) -> torch.Tensor:

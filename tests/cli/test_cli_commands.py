@@ -46,7 +46,7 @@ def test_fit_prints_progress_on_one_stream_and_the_result_on_the_other(
     assert err.count("\n") == 5
     assert err.startswith("frame 1001 (1/4)  loss ")
     assert err.endswith("refined 4/4\n")
-    first, second = out.splitlines()
+    first, second, *_ = out.splitlines()
     assert first.startswith(f"{stage}: 2 lobes, 4 frames (1001-1004) at 23.976 fps, ")
     assert second.startswith("flux error: at most ")
     assert read_usd(stage).fps == pytest.approx(24000 / 1001)
@@ -60,7 +60,9 @@ def test_fit_as_json_is_one_document(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert result["output"] == stage
     assert result["bytes"] >= Path(stage).stat().st_size
     assert [row["frame"] for row in result["frames"]] == [1001, 1002, 1003, 1004]
-    assert (result["lobes"], result["left_out"], result["resumed"]) == (2, 0, 0)
+    assert (result["lobes"], result["fitted_lobes"], result["resumed"]) == (2, 2, 0)
+    assert (result["left_out"]["black"], result["left_out"]["unneeded"]) == (0, 0)
+    assert "tolerance_met" not in result
     assert result["seconds"] == pytest.approx(sum(row["seconds"] for row in result["frames"]))
 
 

@@ -18,7 +18,7 @@ from asglight.sphere import latlong
 def test_schedule_is_the_published_one() -> None:
     assert FitOptions(preset=Preset.PAPER).paper_steps == (24_000, 6_000)
     assert (paper.ALPHA, paper.BETA, paper.GAMMA) == (1.0, 1.0, 0.5)
-    assert FitOptions().lobes == 15
+    assert FitOptions().count == 15
     assert paper.SH_DEGREE == 3
 
 

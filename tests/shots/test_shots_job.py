@@ -54,7 +54,7 @@ def test_a_shot_is_the_fit_of_its_frames_in_order(source: Path, output: Path) ->
     directions = fibonacci_directions(50)
     for index, fit in enumerate(follow(list(images), live)):
         expected = asg.evaluate(fit.lobes, directions)
-        found = asg.evaluate(result.tracks.lobes[index], directions)
+        found = asg.evaluate(result.records[index].lobes, directions)
         # The frames may be turned between equals, which reorders float32 sums.
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
 
@@ -216,7 +216,7 @@ def test_a_black_sequence_becomes_a_stage(tmp_path: Path, output: Path) -> None:
     for frame in (1, 2):
         sky_files.write_frame(folder / f"a.{frame}.exr", 0 * sky_files.sky(frame))
     result = fit_shot(folder, output, shot_files.OPTIONS)
-    assert result.tracks.metadata["left_out"] == 1
+    assert result.tracks.metadata["left_out"]["black"] == 1
     assert float(read_usd(output).lobes.amplitude.max()) == 0
 
 

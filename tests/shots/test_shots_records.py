@@ -11,7 +11,14 @@ import torch
 
 from asglight.images import Repair
 from asglight.lobes import Form
-from asglight.shots.records import from_json, line_from, parse_line, to_json
+from asglight.shots.records import (
+    from_json,
+    line_from,
+    own_frames,
+    parse_line,
+    places_of,
+    to_json,
+)
 
 
 def test_a_line_is_json_with_the_crc_of_its_record() -> None:
@@ -42,7 +49,22 @@ def test_a_frame_comes_back_to_the_bit() -> None:
         assert torch.equal(getattr(again.lobes, name), getattr(record.lobes, name))
     assert (again.loss, again.flux_error) == (record.loss, record.flux_error)
     assert (again.repair, again.stamp) == (record.repair, record.stamp)
+    assert again.repeats is None
     assert float(again.lobes.amplitude[0, 0]) == tiny
+
+
+def test_a_repeated_frame_comes_back() -> None:
+    record = shot_files.record(5, repeats=3)
+    assert from_json(json.loads(json.dumps(to_json(record))), Form.ASG).repeats == 3
+
+
+def test_frames_that_repeat_another_have_its_place() -> None:
+    records = [
+        shot_files.record(frame, repeats=repeats)
+        for frame, repeats in ((1, None), (2, 1), (3, 1), (4, None), (5, None), (6, 5))
+    ]
+    assert [record.frame for record in own_frames(records)] == [1, 4, 5]
+    assert places_of(records) == [0, 0, 0, 1, 2, 2]
 
 
 def test_a_clean_repair_and_an_infinite_loss_come_back() -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import dataclasses
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ import torch
 
 import asglight
 from asglight.errors import InputError
-from asglight.fitting.options import FitOptions
+from asglight.fitting.options import LOBES, MAX_LOBES, FitOptions, Preset
 from asglight.images import open_sequence
 from asglight.shots.settings import check_fps, check_options, check_output, settings_of
 
@@ -20,6 +21,20 @@ from asglight.shots.settings import check_fps, check_options, check_output, sett
     [
         ({"lobes": 0}, "lobes: 0; expected 1 to 256"),
         ({"lobes": 257}, "lobes: 257; expected 1 to 256"),
+        ({"tolerance": 0.02, "max_lobes": 0}, "max lobes: 0; expected 1 to 256"),
+        ({"tolerance": 0.02, "max_lobes": 257}, "max lobes: 257; expected 1 to 256"),
+        ({"max_lobes": 20}, "max lobes: 20 without a tolerance; expected both or neither"),
+        ({"tolerance": 0.0}, "tolerance: 0; expected a relative error above 0 and below 1"),
+        ({"tolerance": 1.0}, "tolerance: 1; expected a relative error above 0 and below 1"),
+        ({"tolerance": math.nan}, "tolerance: nan; expected a relative error"),
+        (
+            {"tolerance": 0.02, "lobes": 15},
+            "lobes: 15 beside a tolerance, which finds their number; expected one of the two",
+        ),
+        (
+            {"tolerance": 0.02, "preset": Preset.PAPER},
+            "tolerance: given with --preset paper, .*; expected --preset live, fast or best",
+        ),
         ({"seed": -1}, "seed: -1; expected 0 to"),
         ({"seed": 2**63}, "seed: 9223372036854775808; expected 0 to"),
         ({"paper_steps": (0, 5)}, "paper steps: 0,5; expected two whole numbers"),
@@ -38,6 +53,14 @@ def test_an_option_out_of_range_is_refused(change: dict[str, object], message: s
 def test_the_defaults_and_the_limits_are_accepted() -> None:
     check_options(FitOptions())
     check_options(FitOptions(lobes=256, seed=2**63 - 1))
+    check_options(FitOptions(tolerance=0.02, max_lobes=256))
+
+
+def test_settled_options_leave_no_number_open() -> None:
+    assert FitOptions().settled() == FitOptions(lobes=LOBES)
+    assert FitOptions(lobes=4).settled() == FitOptions(lobes=4)
+    assert FitOptions(tolerance=0.1).settled() == FitOptions(tolerance=0.1, max_lobes=MAX_LOBES)
+    assert FitOptions(tolerance=0.1, max_lobes=9).settled().max_lobes == 9
 
 
 def test_cuda_without_a_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,14 +29,14 @@ def test_a_lobe_black_in_every_frame_is_left_out_and_counted(sequence: Sequence)
     records = [black(1, 1), black(2, 0, 1), black(3, 1, 2)]
     tracks = tracks_from(records, sequence, shot_files.OPTIONS, 24.0)
     assert tracks.lobes.count == 2
-    assert tracks.metadata["left_out"] == 1
+    assert tracks.metadata["left_out"]["black"] == 1
     assert torch.equal(tracks.lobes.amplitude[0], records[0].lobes.amplitude[[0, 2]])
 
 
 def test_a_black_shot_keeps_one_lobe(sequence: Sequence) -> None:
     records = [black(frame, 0, 1, 2) for frame in (1, 2, 3)]
     tracks = tracks_from(records, sequence, shot_files.OPTIONS, 24.0)
-    assert (tracks.lobes.count, tracks.metadata["left_out"]) == (1, 2)
+    assert (tracks.lobes.count, tracks.metadata["left_out"]["black"]) == (1, 2)
 
 
 def test_a_lobe_lit_in_one_channel_is_lit() -> None:

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames that repeat the one before: fitted once, and nothing after them goes astray."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import shot_files
+import sky_files
+import torch
+
+from asglight import read_usd
+from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.sequence import fit_frame
+from asglight.lobes import LobeTracks
+from asglight.shots import fit_sequence, fit_shot, frames
+from asglight.shots.events import Event, FrameDone, Refined
+
+OPTIONS = {
+    Preset.LIVE: replace(shot_files.OPTIONS, preset=Preset.LIVE),
+    Preset.FAST: shot_files.OPTIONS,
+}
+
+
+def write_shown(folder: Path, shown: list[int]) -> Path:
+    """Write frames 1, 2, ... that show the sky of the frames given."""
+    folder.mkdir()
+    for frame, sky in enumerate(shown, 1):
+        sky_files.write_frame(folder / f"sky.{frame:04d}.exr", sky_files.sky(sky))
+    return folder
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[torch.Tensor]:
+    """Count what is fitted."""
+    fitted: list[torch.Tensor] = []
+
+    def counting(reference: torch.Tensor, *args: object) -> object:
+        fitted.append(reference)
+        return fit_frame(reference, *args)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(frames, "fit_frame", counting)
+    return fitted
+
+
+def assert_same(found: LobeTracks, places: list[int], expected: LobeTracks) -> None:
+    for name in ("axes", "sharpness", "amplitude"):
+        assert torch.equal(getattr(found.lobes, name)[places], getattr(expected.lobes, name))
+
+
+@pytest.mark.parametrize("preset", list(OPTIONS))
+def test_a_repeat_changes_no_other_frame(
+    preset: Preset, tmp_path: Path, calls: list[torch.Tensor]
+) -> None:
+    plain = write_shown(tmp_path / "plain", [1, 2, 3, 5])
+    held = write_shown(tmp_path / "held", [1, 2, 2, 2, 3, 5, 5])
+    expected = fit_shot(plain, tmp_path / "plain.usda", OPTIONS[preset])
+    assert len(calls) == 4
+    found = fit_shot(held, tmp_path / "held.usda", OPTIONS[preset])
+    assert len(calls) == 8
+    assert_same(found.tracks, [0, 1, 4, 5], expected.tracks)
+    assert_same(found.tracks, [0, 2, 4, 6], expected.tracks)
+    assert [record.repeats for record in found.records] == [None, None, 2, 2, None, None, 6]
+    assert found.tracks.metadata["left_out"]["repeated_frames"] == [3, 4, 7]
+    losses = found.tracks.metadata["loss"]
+    assert [losses[k] for k in (0, 1, 4, 5)] == expected.tracks.metadata["loss"]
+
+
+def test_a_still_shot_is_one_fit_and_static(tmp_path: Path, calls: list[torch.Tensor]) -> None:
+    from pxr import Usd
+
+    source, stage = write_shown(tmp_path / "still", [4] * 5), tmp_path / "still.usda"
+    result = fit_shot(source, stage, shot_files.OPTIONS)
+    assert len(calls) == 1
+    assert result.tracks.metadata["left_out"]["static"] == 2
+    opened = Usd.Stage.Open(str(stage))
+    attributes = [a for prim in opened.TraverseAll() for a in prim.GetAttributes()]
+    assert len(attributes) > 10
+    assert not [a.GetName() for a in attributes if a.GetNumTimeSamples()]
+    assert [path.name for path in (tmp_path / "still_dome").iterdir()] == ["still.0001.exr"]
+    assert read_usd(stage).lobes.axes.shape[:2] == (5, 2)
+
+
+def test_the_refinement_counts_a_repeat_once(tmp_path: Path) -> None:
+    source = write_shown(tmp_path / "held", [1, 1, 2, 2, 3, 3])
+    events: list[Event] = []
+    fit_shot(source, tmp_path / "a.usda", shot_files.OPTIONS, on_progress=events.append)
+    assert [event for event in events if isinstance(event, Refined)] == [Refined(3, 3)]
+    done = [event for event in events if isinstance(event, FrameDone)]
+    assert [event.repeats for event in done] == [None, 1, None, 3, None, 5]
+    assert [event.position for event in done] == [1, 2, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize("stop", [1, 2, 3, 4, 5])
+def test_a_shot_resumed_at_a_repeat_is_the_unbroken_one(tmp_path: Path, stop: int) -> None:
+    source = write_shown(tmp_path / "held", [1, 2, 2, 2, 3, 3])
+    (tmp_path / "a").mkdir()
+    fit_shot(source, tmp_path / "a" / "shot.usda", shot_files.OPTIONS)
+    seen: list[FrameDone] = []
+
+    def interrupt(event: Event) -> None:
+        seen.extend([event] if isinstance(event, FrameDone) else [])
+        if len(seen) == stop:
+            raise KeyboardInterrupt
+
+    output = tmp_path / "shot.usda"
+    with pytest.raises(KeyboardInterrupt):
+        fit_shot(source, output, shot_files.OPTIONS, on_progress=interrupt)
+    result = fit_shot(source, output, shot_files.OPTIONS, resume=True)
+    assert result.resumed == stop
+    assert [record.repeats for record in result.records] == [None, None, 2, 2, None, 5]
+    assert output.read_bytes() == (tmp_path / "a" / "shot.usda").read_bytes()
+
+
+def test_a_frame_held_for_a_missing_one_is_a_repeat(
+    tmp_path: Path, calls: list[torch.Tensor]
+) -> None:
+    source = write_shown(tmp_path / "in", [1, 2, 3, 4])
+    (source / "sky.0003.exr").unlink()
+    tracks = fit_sequence(source, lobes=2, missing="hold")
+    assert len(calls) == 3
+    assert tracks.metadata["left_out"]["repeated_frames"] == [3]
+    assert tracks.metadata["repairs"]["frames_filled"] == [3]
+
+
+def test_a_scene_that_comes_back_later_is_fitted_again(
+    tmp_path: Path, calls: list[torch.Tensor]
+) -> None:
+    fit_sequence(write_shown(tmp_path / "in", [1, 2, 1]), lobes=2)
+    assert len(calls) == 3
+
+
+def test_the_paper_preset_fits_every_frame_and_leaves_out_nothing(
+    tmp_path: Path, calls: list[torch.Tensor]
+) -> None:
+    options = FitOptions(lobes=2, preset=Preset.PAPER, paper_steps=(3, 2))
+    result = fit_shot(write_shown(tmp_path / "in", [1, 1]), tmp_path / "a.usda", options)
+    assert len(calls) == 2
+    assert result.tracks.metadata["left_out"] == {
+        "budget": None,
+        "black": 0,
+        "unneeded": 0,
+        "one_sharpness": 0,
+        "static": 0,
+        "repeated_frames": [],
+    }
