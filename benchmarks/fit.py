@@ -9,14 +9,13 @@ output, progress to standard error. Maps finer than 256 x 512 are averaged down 
 import argparse
 import contextlib
 import json
-import os
-import platform
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import fit_figures
+import fit_machine
 import fit_measures
 import torch
 
@@ -39,12 +38,6 @@ CURVE_MAP = "lobby"
 QUICK_MAPS, QUICK_PAPER_STEPS, QUICK_FRAMES = 2, 300, 6
 DIGITS = {"env": 3, "irr": 4, "irrMax": 4, "r0.5": 4, "r0.25": 3, "flux": 5}
 """Decimals of each metric: three figures of what a good fit leaves."""
-
-OPENMP_SETTINGS = ("OMP_NUM_THREADS", "OMP_WAIT_POLICY", "GOMP_SPINCOUNT")
-"""Environment variables that change how long small steps take."""
-
-BUSY_LOAD = 0.5
-"""Load for each core above which others are at work: one core of two."""
 
 THREADS_HELP = "threads of EM, of the paper's recipe and of judging (2); presets compute on one"
 
@@ -134,8 +127,12 @@ def run(options: argparse.Namespace) -> None:
     with _writing(options.output):
         options.output.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(options.threads)
-    result: dict[str, Any] = {"machine": machine(), "lobes": options.lobes, "quick": options.quick}
-    _warn_where_busy(result["machine"])
+    result: dict[str, Any] = {
+        "machine": fit_machine.machine(),
+        "lobes": options.lobes,
+        "quick": options.quick,
+    }
+    fit_machine.warn_where_busy(result["machine"])
     with reporter() as report:
         result["accuracy"] = fit_measures.accuracy(maps, options.lobes, report)
         fit_figures.draw_accuracy(options.output / "accuracy.png", result)
@@ -221,40 +218,6 @@ def _write_json(path: Path, result: dict[str, Any]) -> None:
     with _writing(path):
         beside.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
         beside.replace(path)
-
-
-def machine() -> dict[str, Any]:
-    """Return what the seconds depend on."""
-    return {
-        "processor": _processor(),
-        "cores": os.cpu_count(),
-        "load": round(os.getloadavg()[0], 2),
-        "threads": torch.get_num_threads(),
-        "torch": torch.__version__,
-        "openmp": {name: os.environ[name] for name in OPENMP_SETTINGS if name in os.environ},
-        "python": platform.python_version(),
-        "system": platform.platform(),
-    }
-
-
-def _warn_where_busy(at: dict[str, Any]) -> None:
-    """Say so where other programs run: two threads of which one must wait run at a crawl."""
-    if at["load"] > BUSY_LOAD * at["cores"]:
-        print(
-            f"bench-fit: load {at['load']} on {at['cores']} cores: times will be too long. Wait, "
-            "or give --threads 1.",
-            file=sys.stderr,
-        )
-
-
-def _processor() -> str:
-    """Return the model of the processor; Linux tells it in /proc alone."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.processor() or platform.machine()
 
 
 def tables(result: dict[str, Any]) -> str:
