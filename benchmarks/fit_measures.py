@@ -76,16 +76,16 @@ class Clock:
         """Start."""
         self._start = self._now()
 
-    def seconds(self) -> _Point:
-        """Return the seconds by name."""
-        wall, cpu = (self._now() - self._start).tolist()
+    def seconds(self, at: np.ndarray | None = None) -> _Point:
+        """Return the seconds by name, now or at a time that was taken."""
+        wall, cpu = ((self._now() if at is None else at) - self._start).tolist()
         return {"wall_seconds": wall, "cpu_seconds": cpu}
 
     @contextlib.contextmanager
     def paused(self) -> Iterator[_Point]:
         """Stand still at the seconds that are handed out."""
         stopped = self._now()
-        yield self.seconds()
+        yield self.seconds(stopped)
         self._start += self._now() - stopped
 
     @staticmethod
