@@ -4,8 +4,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from asglight.cli.printing import counted
-from asglight.images.frame_files import ranges
+from asglight.cli.printing import counted, frame_range
 
 
 def left_out_lines(metadata: Mapping[str, Any]) -> list[str]:
@@ -41,7 +40,9 @@ def _left_out(found: Mapping[str, Any]) -> list[str]:
     repeated = found["repeated_frames"]
     if repeated:
         what = counted(len(repeated), "frame")
-        lines.append(f"repeated: {what} as the one before, not fitted again ({ranges(repeated)})")
+        lines.append(
+            f"repeated: {what} as the one before, not fitted again ({frame_range(repeated)})"
+        )
     return lines
 
 

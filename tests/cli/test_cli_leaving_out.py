@@ -62,7 +62,7 @@ WORST = {
         ),
         (
             {"repeated_frames": [1002, 1003, 1004, 1007]},
-            ["repeated: 4 frames as the one before, not fitted again (1002-1004, 1007)"],
+            ["repeated: 4 frames as the one before, not fitted again (1002-1004,1007)"],
         ),
         (
             {"repeated_frames": [9]},
