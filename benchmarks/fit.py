@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import fit_figures
+import fit_leaving_out
 import fit_machine
 import fit_measures
 import torch
@@ -92,6 +93,12 @@ def _parser() -> Parser:
         help="of those, the first N are also fitted from nothing (all)",
     )
     add(
+        "--tolerance",
+        type=_tolerance,
+        metavar="ERROR",
+        help="measure nothing but the fewest lobes with which irr and r0.5 stay at or below this",
+    )
+    add(
         "--quick",
         action="store_true",
         help=f"at most {QUICK_MAPS} maps, {QUICK_PAPER_STEPS} steps of the paper, "
@@ -107,6 +114,16 @@ def _positive(text: str) -> int:
         number = 0
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text!r}; expected a whole number from 1 on")
+    return number
+
+
+def _tolerance(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0 < number < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}; expected a number above 0 and below 1")
     return number
 
 
@@ -133,6 +150,9 @@ def run(options: argparse.Namespace) -> None:
         "quick": options.quick,
     }
     fit_machine.warn_where_busy(result["machine"])
+    if options.tolerance is not None:
+        _leave_out(options, maps, sequences, frames, result)
+        return
     with reporter() as report:
         result["accuracy"] = fit_measures.accuracy(maps, options.lobes, report)
         fit_figures.draw_accuracy(options.output / "accuracy.png", result)
@@ -152,6 +172,25 @@ def run(options: argparse.Namespace) -> None:
         fit_figures.draw_curves(options.output / "curves.png", result)
         _write_json(options.output / "fit.json", result)
     print(tables(result))
+
+
+def _leave_out(
+    options: argparse.Namespace,
+    maps: list[Path],
+    sequences: list[image_sequence.Sequence],
+    frames: int | None,
+    result: dict[str, Any],
+) -> None:
+    """Measure what a tolerance needs, write it and print its table."""
+    with reporter() as report:
+        found = fit_leaving_out.measured(
+            maps, sequences, options.tolerance, frames, options.output, report
+        )
+    del result["lobes"]  # which the tolerance finds
+    result["leaving_out"] = {"tolerance": options.tolerance, "inputs": found}
+    _write_json(options.output / "fit.json", result)
+    print(_markdown(fit_leaving_out.HEADER, fit_leaving_out.table_rows(found)))
+    print(f"\n{fit_leaving_out.note(options.tolerance)}")
 
 
 def find_maps(folder: Path) -> list[Path]:

@@ -26,6 +26,7 @@ if not BENCHMARKS.is_dir():
     pytest.skip("benchmarks/ is in the repository alone", allow_module_level=True)
 sys.path.insert(0, str(BENCHMARKS))
 fit = importlib.import_module("fit")
+fit_leaving_out = importlib.import_module("fit_leaving_out")
 fit_measures = importlib.import_module("fit_measures")
 
 PICTURES = ("accuracy.png", "curves.png", "following.png")
@@ -137,6 +138,36 @@ def test_pictures_show_something(
     blue = (abs(picture[..., :3] - [0x56 / 255, 0xB4 / 255, 0xE9 / 255]) < 0.02).all(-1)
     assert blue.sum() > 50
     assert picture[..., :3].std() > 0.05
+
+
+def test_a_tolerance_measures_the_fewest_lobes_alone(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fit_leaving_out, "SKY_ROWS", 16)
+    options = ["-o", str(tmp_path), "--tolerance", "0.1", "--quick", "--frames", "2"]
+    with contextlib.redirect_stdout(io.StringIO()) as output:
+        assert fit.main([*words, *options, "--threads", "1"]) == 0
+    result = json.loads((tmp_path / "fit.json").read_text())
+    assert "accuracy" not in result
+    found = result["leaving_out"]["inputs"]
+    assert list(found) == ["attic", "barn", "overcast sky", "built-in sky", "lamp"]
+    assert [one["frames"] for one in found.values()] == [1, 1, 1, 2, 2]
+    assert all(one["lobes"] >= 1 and one["cpu_seconds"] > 0 for one in found.values())
+    for one in found.values():
+        assert one["tolerance_met"] == (max(one["judged"].values()) <= 0.1)
+    header, _, *rows = output.getvalue().splitlines()
+    assert header == "| input | frames | lobes | worst irr | worst r0.5 | met | isotropic | CPU s |"
+    assert [row.split(" | ")[1] for row in rows[:5]] == ["1", "1", "1", "2", "2"]
+    assert "stay at or below 0.1" in rows[-1]
+
+
+@pytest.mark.parametrize("text", ["0", "1", "nan", "much"])
+def test_a_tolerance_must_be_one(
+    text: str, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        fit.main([*words, "--tolerance", text])
+    assert "expected a number above 0 and below 1" in capsys.readouterr().err
 
 
 def test_tables_are_markdown_and_name_everything(printed: str) -> None:
