@@ -15,7 +15,7 @@ LOBES = 15
 """Lobes of a fit that asks for no number, as in Clausen et al. 2024."""
 
 MAX_LOBES = 30
-"""Lobes of a fit with a tolerance, at most: ten real maps come to 2 % with 16 or fewer, and a
+"""Lobes of a fit with a tolerance, at most: ten real maps come to 2 % with 17 or fewer, and a
 moving sequence takes more."""
 
 
