@@ -113,9 +113,9 @@ def test_a_sky_takes_fewer_lobes_than_a_stage_full_of_lamps(tmp_path: Path) -> N
 
 
 def test_the_whole_shot_keeps_the_tolerance_of_the_judge(tmp_path: Path) -> None:
-    source = write_lamps(tmp_path / "in", moving(5))
+    source = write_lamps(tmp_path / "in", moving(5), height=32)
     events: list[Event] = []
-    tracks = fit_sequence(source, tolerance=0.02, on_progress=events.append)
+    tracks = fit_sequence(source, tolerance=0.02, preset="live", on_progress=events.append)
     sequence = open_sequence(source)
     for frame in sequence.frames:
         judged = frame_errors(tracks.at(frame), sequence.read(frame).radiance).values
@@ -150,7 +150,7 @@ def test_a_tolerance_beyond_reach_ends_with_the_most_lobes(tmp_path: Path) -> No
     assert tracks.metadata["worst_errors"]["r0.5"]["error"] > 1e-4
 
 
-@pytest.mark.parametrize("stop", [1, 3, 4, 5, 6])
+@pytest.mark.parametrize("stop", [1, 3, 5])
 def test_a_resumed_shot_with_a_tolerance_is_the_unbroken_one(
     tmp_path: Path, stop: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
