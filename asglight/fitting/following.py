@@ -25,7 +25,7 @@ from asglight.fitting.first_frame import (
 from asglight.fitting.leaves import leaves
 from asglight.fitting.objective import Corners
 from asglight.fitting.probes import PROBES, directions, probe, probe_rows
-from asglight.fitting.tracking import drawn
+from asglight.fitting.tracking import drawn, found_again
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import align, axes_around, parallel_transport
@@ -56,8 +56,9 @@ LEASH_DEG = 9.9
 LACKING_SHARE = 5e-3
 """Filtered radiance lacking at a place, over the largest there is, that is worth a free lobe."""
 
-SUSPECT_LOSS = 1.0
-"""Loss from which a frame is fitted afresh as well: twice that of the hardest of ten real maps."""
+SUSPECT_LOSS = 1.5
+"""Loss from which a frame is fitted afresh as well: three times that of the hardest of ten real
+maps, and above what a lamp that rushes past within one shot costs."""
 
 CUT_GAIN = 0.5
 """A fresh fit with less than this share of the loss means a cut: the lobes start anew."""
@@ -127,9 +128,9 @@ def _started(
     leash: Leash,
     width_min: float,
 ) -> newton.Outcome:
-    """Return the lobes as they were, or moved on as they moved last, or drawn after the lamps.
+    """Return the lobes as they were, or moved on as they moved last, or turned to a lost lamp.
 
-    All of these compete.
+    Each of these competes, and each drawn after the lamps from there.
 
     Args:
         before: The frame before, in the exposure of this one.  [N, .]
@@ -142,17 +143,21 @@ def _started(
     if earlier is not None:
         onward = _mirrored(earlier.axis_z, before.axis_z)
         steady = (before.axis_z * earlier.axis_z).sum(-1) > math.cos(math.radians(FORETELL_DEG))
-        places.append(leash.hold(torch.where(steady[:, None], onward, before.axis_z)))
+        places.append(torch.where(steady[:, None], onward, before.axis_z))
     still = _at(before, torch.stack(places))
-    after = drawn(still, frame.repeated(len(places)), width_min)
-    after = replace(after, axes=parallel_transport(after.axes, leash.hold(after.axis_z)))
-    candidates = stack([lobes[i] for lobes in (still, after) for i in range(len(places))])
-    competing = frame.repeated(2 * len(places))
+    found = found_again(still[:1], frame.repeated(1))
+    if found is not None:
+        still = stack([*(still[i] for i in range(len(places))), found[0]])
+    count = len(still.axes)
+    after = drawn(still, frame.repeated(count), width_min)
+    both = stack([lobes[i] for lobes in (still, after) for i in range(count)])
+    candidates = replace(both, axes=parallel_transport(both.axes, leash.hold(both.axis_z)))
+    competing = frame.repeated(2 * count)
     shown = lobe_images.images(candidates, competing.places)
     value = objective.value(shown.radiance, competing)
     still_best, after_best = value.view(2, -1).argmin(-1).tolist()
     pair = frame.repeated(2)
-    lit = light.relight(candidates[[still_best, len(places) + after_best]], pair, passes=1)
+    lit = light.relight(candidates[[still_best, count + after_best]], pair, passes=1)
     value = objective.value(lobe_images.images(lit, pair.places).radiance, pair)
     return newton.Outcome(lit, value, torch.full_like(value, DAMPING_START)).best()
 

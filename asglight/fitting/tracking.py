@@ -22,6 +22,12 @@ from asglight.lobes.frames import parallel_transport
 TAKEN_MIN = 1e-6
 """Flux, in mean radiances of the map, from which a lobe that took it moves."""
 
+LOST_SHARE = 0.5
+"""A lobe that takes less than this share of the flux it had has lost its lamp."""
+
+REACH = math.radians(3.3)
+"""Sigma with which it looks for it: three of these are as far as a lit lobe may go in a frame."""
+
 
 def drawn(lobes: Lobes, frame: objective.Target, width_min: float) -> Lobes:
     """Take one step of expectation-maximisation.
@@ -31,32 +37,77 @@ def drawn(lobes: Lobes, frame: objective.Target, width_min: float) -> Lobes:
         frame: The maps.
         width_min: Sigma of the narrowest lobe allowed, radians.
     """
-    places = frame.places
-    shown = lobe_images.images(lobes, places)
-    own = shown.light.sum(-1, keepdim=True) * shown.values  # [F, N, P]
-    taken = own / own.sum(1, keepdim=True).clamp(min=torch.finfo(own.dtype).tiny)
-    flux = taken * (frame.radiance.sum(1) * places.share)[:, None]
-    total = flux.sum(-1)
-    moments = sum(
-        flux[..., place] @ monomials[..., 1:, :].mT for _, monomials, place in places.levels
-    ) / total[..., None].clamp(min=TAKEN_MIN)
-    moments = torch.as_tensor(moments)
-    length = moments[..., :3].norm(dim=-1)
-    moved = (total > TAKEN_MIN) & (length > 1e-3)  # a mean of all directions is none
-    axis_z = moments[..., :3] / length[..., None].clamp(min=1e-3)
-    axes = parallel_transport(lobes.axes, torch.where(moved[..., None], axis_z, lobes.axis_z))
+    taken = _taken(lobes, frame)
+    total, moments = _moments(taken, frame)
+    axes = _turned(lobes, total, moments)
     second = moments[..., 3:][..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].unflatten(-1, (3, 3))
     variance, turn = _in_plane(axes[..., :2, :] @ second @ axes[..., :2, :].mT, lobes.form)
     axes = torch.cat([turn @ axes[..., :2, :], axes[..., 2:, :]], dim=-2)
     sharpness = sharpness_from_variance(variance.clamp(min=width_min**2), lobes.form)
+    moved = _moves(total, moments)
     moved_lobes = replace(
         lobes,
         axes=torch.where(moved[..., None, None], axes, lobes.axes),
         sharpness=torch.where(moved[..., None], sharpness, lobes.sharpness),
     )
-    light = 4 * math.pi * (taken * places.share[:, None]) @ frame.radiance.mT  # flux  [F, N, 3]
+    light = 4 * math.pi * (taken * frame.places.share[:, None]) @ frame.radiance.mT  # [F, N, 3]
     amplitude = light / asg.integral(moved_lobes)[..., None]
     return replace(moved_lobes, amplitude=amplitude)
+
+
+def found_again(lobes: Lobes, frame: objective.Target) -> Lobes | None:
+    """Turn narrow lobes that lost their lamp to what they see with the width of `REACH`.
+
+    A sun that moves by many of its widths is out of its lobe's sight, and the faint sky there would
+    claim it.
+
+    Args:
+        lobes: Lobes in the exposure of the frame.  [F, N, .]
+        frame: The maps.
+
+    Returns:
+        The lobes, shapes as they were, or None where no lobe lost its lamp.
+    """
+    own = asg.flux(lobes)
+    total, _ = _moments(_taken(lobes, frame), frame)
+    factor = 1.0 if lobes.form is Form.SG else 2.0
+    wide = torch.full_like(lobes.sharpness, 1 / (factor * REACH**2))
+    lost = (total < LOST_SHARE * own.sum(-1) / (4 * math.pi)) & (lobes.sharpness > wide).all(-1)
+    if not bool(lost.any()):
+        return None
+    seeking = replace(lobes, sharpness=torch.where(lost[..., None], wide, lobes.sharpness))
+    amplitude = own / asg.integral(seeking)[..., None]
+    seeking = replace(seeking, amplitude=torch.where(lost[..., None], amplitude, lobes.amplitude))
+    axes = _turned(lobes, *_moments(_taken(seeking, frame), frame))
+    return replace(lobes, axes=torch.where(lost[..., None, None], axes, lobes.axes))
+
+
+def _taken(lobes: Lobes, frame: objective.Target) -> Tensor:
+    """Return the share of each leaf's radiance that each lobe claims.  [F, N, P]."""
+    shown = lobe_images.images(lobes, frame.places)
+    own = shown.light.sum(-1, keepdim=True) * shown.values
+    return own / own.sum(1, keepdim=True).clamp(min=torch.finfo(own.dtype).tiny)
+
+
+def _moments(taken: Tensor, frame: objective.Target) -> tuple[Tensor, Tensor]:
+    """Return the flux that lobes take, over 4 pi [F, N], and its mean monomials [F, N, 9]."""
+    places = frame.places
+    flux = taken * (frame.radiance.sum(1) * places.share)[:, None]
+    total = flux.sum(-1)
+    moments = [flux[..., place] @ monomials[..., 1:, :].mT for _, monomials, place in places.levels]
+    return total, torch.stack(moments).sum(0) / total[..., None].clamp(min=TAKEN_MIN)
+
+
+def _moves(total: Tensor, moments: Tensor) -> Tensor:
+    """Tell which lobes took light that has a mean direction: a mean of all is none.  [F, N]."""
+    return (total > TAKEN_MIN) & (moments[..., :3].norm(dim=-1) > 1e-3)
+
+
+def _turned(lobes: Lobes, total: Tensor, moments: Tensor) -> Tensor:
+    """Return the lobes' axes turned to the mean direction of what they took.  [F, N, 3, 3]."""
+    axis_z = moments[..., :3] / moments[..., :3].norm(dim=-1, keepdim=True).clamp(min=1e-3)
+    moved = _moves(total, moments)[..., None]
+    return parallel_transport(lobes.axes, torch.where(moved, axis_z, lobes.axis_z))
 
 
 def _in_plane(covariance: Tensor, form: Form) -> tuple[Tensor, Tensor]:

@@ -12,7 +12,7 @@ from torch import Tensor
 from asglight.fitting import lobe_images, objective
 from asglight.fitting.coordinates import advance
 from asglight.fitting.leaves import leaves
-from asglight.fitting.tracking import drawn
+from asglight.fitting.tracking import drawn, found_again
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.lobes.data import stack
 from asglight.lobes.frames import parallel_transport
@@ -153,6 +153,27 @@ def test_a_lobe_reaches_its_lamp_before_a_faint_sky() -> None:
     found = drawn(before[None], _target(_map(after)), 0.0)[0]
     # at eight degrees the lamp's lobe still sends ten times what the sky does
     assert _angle(found.axis_z[1], _around(8)) < 1.0
+
+
+def test_a_sun_that_left_its_lobes_sight_is_found_again() -> None:
+    sky = [(0.0, 1.0, 0.0), _around(0)], [0.5, 1e4]  # the sun's sigma is 0.4 degrees
+    before = lamps(*sky, [1.0, 5000.0])
+    after = replace(before, axes=lamps([(0.0, 1.0, 0.0), _around(7)], sky[1], [1, 1]).axes)
+    frame = _target(_map(after, 128), 64, 32)
+    # by itself the step leaves the sun to the sky
+    assert _angle(drawn(before[None], frame, 0.0)[0].axis_z[1], _around(0)) < 1.0
+    found = found_again(before[None], frame)
+    assert found is not None
+    assert _angle(found[0].axis_z[1], _around(7)) < 0.7  # half of a texel of 1.4 degrees
+    torch.testing.assert_close(found[0].sharpness, before.sharpness, rtol=0, atol=0)
+    torch.testing.assert_close(found[0].amplitude, before.amplitude, rtol=0, atol=0)
+    torch.testing.assert_close(found[0].axes[0], before.axes[0], rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("form", list(Form))
+def test_nothing_is_looked_for_where_no_lobe_lost_its_lamp(form: Form) -> None:
+    scene = _narrow(form, 3)
+    assert found_again(scene[None], _target(_map(scene))) is None
 
 
 @pytest.mark.parametrize("shift", [-4.0, 4.0])
