@@ -10,9 +10,9 @@ the isotropic case]: each lobe takes its share of every cell and moves to the me
 covariance of what it took. Flux is kept exactly: each lobe's amplitude is the RGB flux it took over
 its integral.
 
-A cell is a block of texels, or one texel where the map is bright. It is represented by its flux and
-by the exact first and second moments of direction within it, so a lamp of one texel stays as narrow
-as it is.
+A cell is a block of texels, the smaller the brighter, down to one texel. It is represented by its
+flux and by the exact first and second moments of direction within it, so a lamp of one texel stays
+as narrow as it is.
 """
 
 import math
@@ -25,11 +25,14 @@ from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
 
-CELL_HEIGHT = 64
+CELL_ROWS = (32, 64, 128)
+"""Rows of the grids of blocks, where the map has them: the widest is 5.6 degrees, what GGX 0.25
+shows of a point, and each next one is taken where the one before is bright."""
+
 EM_STEPS = 30
 
 BRIGHT_SHARE = 5e-4
-"""Flux share from which a block is taken apart into its texels. At most 2,000 blocks can be."""
+"""Flux share from which a block is taken apart. At most 2,000 of a size can be."""
 
 SPREAD_DEG = 5.0
 """Half the width of what GGX 0.25 shows of a point: a wider lamp looks different from a point."""
@@ -62,7 +65,7 @@ class Cells:
 
 
 def cells(reference: Tensor) -> Cells:
-    """Gather a map into blocks of at least 1/64 of its height, and texels where it is bright.
+    """Gather a map into blocks, down to texels where it is bright.
 
     Blocks without flux are left out; a black map gives one empty cell.
 
@@ -70,20 +73,22 @@ def cells(reference: Tensor) -> Cells:
         reference: Radiance.  [H, W, 3]
     """
     height, width, _ = reference.shape
-    rows, columns = min(CELL_HEIGHT, height), min(2 * CELL_HEIGHT, width)
-    features = _moment_features(reference)
     solid_angle = latlong.texel_solid_angles(height, width, dtype=torch.float64)
-    fine = (features * solid_angle.to(features)[..., None]).reshape(-1, 15)
-    block_area = latlong.texel_solid_angles(rows, columns, dtype=torch.float64).to(features)
-    coarse = (latlong.reduce(features, rows, columns) * block_area[..., None]).reshape(-1, 15)
-    power = coarse[:, :3].sum(-1)
-    bright = power > BRIGHT_SHARE * power.sum()
-    if height % rows == 0 and width % columns == 0 and height > rows:
-        inside = bright.reshape(rows, columns).repeat_interleave(height // rows, 0)
-        inside = inside.repeat_interleave(width // columns, 1).reshape(-1)
-        summed = torch.cat([coarse[~bright], fine[inside]])
-    else:
-        summed = coarse
+    integrals = _moment_features(reference) * solid_angle.to(reference.device)[..., None]
+    enough = BRIGHT_SHARE * integrals[..., :3].sum()
+    parts: list[Tensor] = []
+    reached = torch.ones(1, 1, dtype=torch.bool, device=reference.device)
+    sizes = [rows for rows in CELL_ROWS if rows < height and height % rows == 0]
+    for rows in (*sizes, height):
+        factor = height // rows
+        reached = reached.repeat_interleave(rows // reached.shape[0], 0)
+        reached = reached.repeat_interleave(2 * rows // reached.shape[1], 1)
+        blocks = integrals.unflatten(1, (-1, factor)).sum(2).unflatten(0, (-1, factor)).sum(1)
+        bright = blocks[..., :3].sum(-1) > enough
+        taken = reached if rows == height else reached & ~bright
+        parts.append(blocks[taken])
+        reached = reached & bright
+    summed = torch.cat(parts)
     power = summed[:, :3].sum(-1)
     lit = power > 0
     if not bool(lit.any()):
