@@ -6,7 +6,9 @@ away the lobe whose loss would cost least and halves the one that fits its own p
 kept if J is lower after some steps, in the spirit of split-and-merge EM [Ueda et al. 2000].
 
 What a lobe's absence costs, with all others free to make up for it, is read off the Gauss-Newton
-matrix: for its amplitudes a, a^T [(H^-1)_aa]^-1 a / 2 [Hassibi and Stork 1993].
+matrix: for its amplitudes a, a^T [(H^-1)_aa]^-1 a / 2 [Hassibi and Stork 1993]. So is the step by
+which they do: -(H^-1)_.a [(H^-1)_aa]^-1 a. A trial starts from there, and not with a hole that its
+first steps must fill.
 """
 
 import math
@@ -15,7 +17,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import lobe_images, newton, objective
-from asglight.fitting.coordinates import BROAD, UNKNOWNS
+from asglight.fitting.coordinates import BROAD, UNKNOWNS, advance
 from asglight.lobes import Form, Lobes
 from asglight.lobes.data import stack
 from asglight.lobes.frames import orthonormal
@@ -55,36 +57,48 @@ def regroup(
     best = newton.minimise(start.lobes, frame, STEPS, width_min=width_min)
     tried: set[tuple[int, int, int]] = set()
     for _ in range(rounds):
-        splits = [split for split in _order(best.lobes, frame) if split not in tried][:TRIALS]
+        splits, filled = _order(best.lobes, frame)
+        splits = [split for split in splits if split not in tried][:TRIALS]
         if not splits:
             break
         tried.update(splits)
-        halves = stack([halved(best.lobes[0], *split) for split in splits])
-        found = newton.minimise(halves, frame.repeated(len(splits)), STEPS, width_min=width_min)
+        halves = [
+            halved(advance(best.lobes[0], filled[gone], width_min), lobe, gone, axis)
+            for lobe, gone, axis in splits
+        ]
+        competing = frame.repeated(len(splits))
+        found = newton.minimise(stack(halves), competing, STEPS, width_min=width_min)
         found = found.best()
         if float(found.value) < (1 - GAIN) * float(best.value):
             best, tried = found, set()
     return best
 
 
-def _order(lobes: Lobes, frame: objective.Target) -> list[tuple[int, int, int]]:
-    """Return the splits to try: which lobe, which goes, and along which axis."""
+def _order(lobes: Lobes, frame: objective.Target) -> tuple[list[tuple[int, int, int]], Tensor]:
+    """Return the splits to try: which lobe, which goes, along which axis; and `absences`' steps."""
     shown = lobe_images.images(lobes, frame.places)
     error = objective.phi(shown.radiance - frame.radiance, frame.env_corner[:, None])
     sent = shown.values[0] * lobes.amplitude[0].sum(-1, keepdim=True)
     taken = sent / sent.sum(0).clamp(min=torch.finfo(torch.float32).tiny)
     own = taken @ (frame.places.share * (error - frame.env_corner))[0]
     axes = 1 if lobes.form is Form.SG else 2
-    cheapest = absence_costs(shown, frame).argsort().tolist()
-    return [
+    costs, filled = absences(shown, frame)
+    cheapest = costs.argsort().tolist()
+    splits = [
         (lobe, next(index for index in cheapest if index != lobe), axis)
         for lobe in own.argsort(descending=True).tolist()
         for axis in range(axes)
     ]
+    return splits, filled
 
 
-def absence_costs(shown: lobe_images.Images, frame: objective.Target) -> Tensor:
-    """Return how much J of one frame grows, to second order, when a lobe is taken away.  [N]."""
+def absences(shown: lobe_images.Images, frame: objective.Target) -> tuple[Tensor, Tensor]:
+    """Return how much J of one frame grows, to second order, when a lobe is taken away.
+
+    Returns:
+        The growth for each lobe [N], and the step of all lobes that takes its light away and makes
+        up for it, in local coordinates [N, N, 8].
+    """
     found = objective.misfit(shown.radiance, frame)
     hessian = newton.normal_equations(shown, found, frame)[0][0]
     count = shown.lobes.count
@@ -95,7 +109,10 @@ def absence_costs(shown: lobe_images.Images, frame: objective.Target) -> Tensor:
     blocks = inverse.reshape(count, UNKNOWNS, count, UNKNOWNS)
     own = torch.stack([blocks[i, 5:, i, 5:] for i in range(count)])  # [N, 3, 3]
     amplitude = shown.lobes.amplitude[0].double()[..., None]
-    return 0.5 * (amplitude.mT @ torch.linalg.solve(own, amplitude)).flatten()
+    force = torch.linalg.solve(own, amplitude)
+    costs = 0.5 * (amplitude.mT @ force).flatten()
+    steps = [-(blocks[..., i, 5:] @ force[i])[..., 0] for i in range(count)]
+    return costs, torch.stack(steps)
 
 
 def halved(lobes: Lobes, lobe: int, gone: int, axis: int) -> Lobes:

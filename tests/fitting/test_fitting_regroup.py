@@ -76,7 +76,7 @@ def test_it_never_gives_back_a_worse_fit_of_noise(form: Form) -> None:
 def test_the_lobe_that_costs_nothing_is_the_one_that_stands_in_for_another() -> None:
     start, frame = misplaced()
     lobes = newton.minimise(start, frame, 40).lobes
-    costs = regroup.absence_costs(lobe_images.images(lobes, frame.places), frame)
+    costs, _ = regroup.absences(lobe_images.images(lobes, frame.places), frame)
     assert float(costs[1:].min()) < 0.1 * float(costs[0])
 
 
@@ -87,7 +87,7 @@ def test_absence_costs_are_those_of_the_quadratic_without_the_lobe() -> None:
     hessian = newton.normal_equations(shown, found, frame)[0][0]
     root = torch.diagonal(hessian).clamp(min=1e-12 * float(torch.diagonal(hessian).max())).sqrt()
     hessian = hessian + regroup.RIDGE * torch.diag(root.square())
-    costs = regroup.absence_costs(shown, frame)
+    costs, filled = regroup.absences(shown, frame)
     for lobe in range(3):
         dark = torch.arange(8 * lobe + 5, 8 * lobe + 8)
         others = torch.tensor([i for i in range(24) if i not in set(dark.tolist())])
@@ -99,6 +99,9 @@ def test_absence_costs_are_those_of_the_quadratic_without_the_lobe() -> None:
         expected = float(step @ hessian @ step) / 2
         # H is symmetric to float32 alone, and conditioned to a thousand by the ridge
         assert float(costs[lobe]) == pytest.approx(expected, rel=2e-3)
+        torch.testing.assert_close(filled[lobe].flatten()[dark], step[dark], rtol=1e-9, atol=1e-12)
+        missed = (filled[lobe].flatten() - step) * root
+        assert float(missed.norm()) < 2e-3 * float((step * root).norm())
 
 
 def test_a_single_lobe_is_left_alone() -> None:
