@@ -24,10 +24,14 @@ class Level:
     Attributes:
         steps: Steps, at most.
         corners: phi's corners: from wide ones, with few minima, to those that the metrics ask for.
+        kept: Starts that go on after the steps, at most: those with the least J.
+        rounds: Rounds of splits and merges after that.
     """
 
     steps: int
     corners: Corners
+    kept: int = 1
+    rounds: int = 0
 
 
 @dataclass(frozen=True)
@@ -36,35 +40,47 @@ class Effort:
 
     Attributes:
         spreads_deg: `seeding.split`'s spread of each start.
-        coarse: Levels that each start gets; the one with the least J goes on.
-        rounds: Rounds of splits and merges.
-        fine: Levels that follow.
+        levels: What is done with the starts, one level after the other.
     """
 
     spreads_deg: tuple[float, ...]
-    coarse: tuple[Level, ...]
-    rounds: int
-    fine: tuple[Level, ...]
+    levels: tuple[Level, ...]
 
 
-COARSE = (
-    Level(8, Corners(3.0, 0.2)),
-    Level(12, Corners(1.0, 0.05)),
-    Level(9, Corners(0.3, 0.02)),
-    Level(12, Corners(0.1, 0.02)),
-)
+def soft_to_sharp(steps: int, kept: tuple[int, int] = (1, 1), rounds: int = 0) -> tuple[Level, ...]:
+    """Return the levels down to corners at which most of the lobes have found their lamps.
+
+    The materials start soft as well: with corners as wide as all they show, J is nearly a quadratic
+    of the lobes' images, and what is lit wrong counts more than what is drawn wrong.
+
+    Args:
+        steps: Steps of a level.
+        kept: Starts that go on after the first and the second level.
+        rounds: Rounds of splits and merges, where J is still soft: there a trial needs few steps.
+    """
+    return (
+        Level(steps, Corners(1.0, 1.0), kept[0]),
+        Level(steps, Corners(1.0, 0.3), kept[1]),
+        Level(steps, Corners(1.0, 0.1), 1, rounds),
+        Level(steps, Corners(0.3, 0.03)),
+    )
+
 
 FINE = (
+    Level(12, Corners(0.1, 0.02)),
     Level(12, Corners(0.1, 0.01)),
     Level(25, Corners(0.1, 0.005)),
     Level(15, Corners(0.1, 0.002)),
 )
 
-LIVE = Effort((seeding.SPREAD_DEG,), COARSE, 0, (Level(12, Corners(0.1, 0.005)),))
+LIVE = Effort((seeding.SPREAD_DEG,), (*soft_to_sharp(8), *FINE[:1]))
 
-FAST = Effort((seeding.SPREAD_DEG,), COARSE, 3, FINE)
+FAST = Effort((1.0, 4.0, 12.0), (*soft_to_sharp(8, (2, 1), 1), *FINE))
 
-BEST = Effort((2.0, 3.5, 5.0, 8.0, 15.0, 60.0), COARSE, 60, (*FINE, Level(60, Corners(0.1, 0.001))))
+BEST = Effort(
+    (1.0, 2.0, 4.0, 8.0, 16.0, 60.0),
+    (*soft_to_sharp(12, (6, 3), 20), replace(FINE[0], rounds=20), *FINE[1:]),
+)
 
 LIGHT = Corners(0.1, 0.002)
 """phi's corners of the last solution for the light alone: what it can mend of what balls show."""
@@ -145,13 +161,7 @@ def fit_first_frame(
     seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
     whole = objective.target(frame.radiance)
     starts = newton.Outcome(stack(seeds), torch.empty(0), torch.tensor(newton.DAMPING_START))
-    width_min = narrowest(frame.height)
-    started = descend(starts, whole.repeated(len(seeds)), effort.coarse, width_min, on_step)
-    chosen = started.best()
-    if effort.rounds:
-        level = replace(whole, corners=effort.coarse[-1].corners)
-        chosen = regroup(chosen, level, effort.rounds, width_min)
-    found = descend(chosen, whole, effort.fine, width_min, on_step)
+    found = descend(starts, whole, effort.levels, narrowest(frame.height), on_step)
     lobes = light.relight(found.lobes, replace(whole, corners=LIGHT), passes=1)
     return with_flux_of(lobes[0], frame, float(found.value))
 
@@ -163,17 +173,30 @@ def descend(
     width_min: float,
     on_step: newton.OnStep | None = None,
 ) -> newton.Outcome:
-    """Take the steps of each level in turn."""
+    """Take the steps of each level in turn, and drop the starts that it leaves behind.
+
+    Args:
+        start: One or more starts for one frame.
+        frame: The map; each level brings its own corners.
+        levels: What is done.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+        on_step: Called with the lobes of all starts after each step.
+    """
     state = start
     for level in levels:
+        softened = replace(frame, corners=level.corners)
         state = newton.minimise(
             state.lobes,
-            replace(frame, corners=level.corners),
+            softened.repeated(len(state.lobes.axes)),
             level.steps,
             damping=state.damping,
             width_min=width_min,
             on_step=on_step,
         )
+        kept = state.value.argsort(stable=True)[: level.kept]
+        state = newton.Outcome(state.lobes[kept], state.value[kept], state.damping[kept])
+        if level.rounds:
+            state = regroup(state, softened, level.rounds, width_min)
     return state
 
 
