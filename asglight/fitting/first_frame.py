@@ -82,6 +82,10 @@ BEST = Effort(
     (*soft_to_sharp(12, (6, 3), 20), replace(FINE[0], rounds=20), *FINE[1:]),
 )
 
+FOLLOWED_MIN_TEXELS = 0.35
+"""Sigma of the narrowest lobe that is followed, in texels of the map. A narrower one, as a first
+frame may have (`seeding.WIDTH_MIN_TEXELS`), loses a lamp that moves by texels."""
+
 LIGHT = Corners(0.1, 0.002)
 """phi's corners of the last solution for the light alone: what it can mend of what balls show."""
 
@@ -161,7 +165,8 @@ def fit_first_frame(
     seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
     whole = objective.target(frame.radiance)
     starts = newton.Outcome(stack(seeds), torch.empty(0), torch.tensor(newton.DAMPING_START))
-    found = descend(starts, whole, effort.levels, narrowest(frame.height), on_step)
+    width_min = seeding.WIDTH_MIN_TEXELS * math.pi / frame.height
+    found = descend(starts, whole, effort.levels, width_min, on_step)
     lobes = light.relight(found.lobes, replace(whole, corners=LIGHT), passes=1)
     return with_flux_of(lobes[0], frame, float(found.value))
 
@@ -201,8 +206,8 @@ def descend(
 
 
 def narrowest(height: int) -> float:
-    """Return sigma of the narrowest lobe on a map of `height` rows, in radians."""
-    return seeding.WIDTH_MIN_TEXELS * math.pi / height
+    """Return sigma of the narrowest lobe that is followed on a map of `height` rows, radians."""
+    return FOLLOWED_MIN_TEXELS * math.pi / height
 
 
 def mean_radiance(reference: Tensor) -> float:

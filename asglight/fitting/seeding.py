@@ -37,9 +37,10 @@ BRIGHT_SHARE = 5e-4
 SPREAD_DEG = 5.0
 """Half the width of what GGX 0.25 shows of a point: a wider lamp looks different from a point."""
 
-WIDTH_MIN_TEXELS = 0.35
-"""Sigma of the narrowest lobe, in texels of the map. A square texel's own standard deviation is
-0.29; below it the width can no longer be told from the map."""
+WIDTH_MIN_TEXELS = 0.2
+"""Sigma of the narrowest lobe of a first frame, in texels of the map: the sun's disc at 256 rows.
+Texels shrink with the cosine of latitude: 0.35, for which a square texel's own standard deviation
+of 0.29 would speak, spills a third of a high sun onto its neighbours, which doubles `env`."""
 
 SHARE_MIN = 1e-9
 """Flux share below which a lobe takes part in no M-step: it would divide by rounding."""
