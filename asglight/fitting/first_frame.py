@@ -75,16 +75,15 @@ FINE = (
 
 LIVE = Effort((seeding.SPREAD_DEG,), (*soft_to_sharp(8), *FINE[:1]))
 
-FAST = Effort((1.0, 4.0, 12.0), (*soft_to_sharp(8, (2, 1), 1), *FINE))
+FAST = Effort(
+    (1.0, 4.0, 12.0),
+    (*soft_to_sharp(8, (2, 1), 1), replace(FINE[0], rounds=1), *FINE[1:]),
+)
 
 BEST = Effort(
     (1.0, 2.0, 4.0, 8.0, 16.0, 60.0),
     (*soft_to_sharp(12, (6, 3), 20), replace(FINE[0], rounds=20), *FINE[1:]),
 )
-
-FOLLOWED_MIN_TEXELS = 0.35
-"""Sigma of the narrowest lobe that is followed, in texels of the map. A narrower one, as a first
-frame may have (`seeding.WIDTH_MIN_TEXELS`), loses a lamp that moves by texels."""
 
 LIGHT = Corners(0.1, 0.002)
 """phi's corners of the last solution for the light alone: what it can mend of what balls show."""
@@ -165,7 +164,7 @@ def fit_first_frame(
     seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
     whole = objective.target(frame.radiance)
     starts = newton.Outcome(stack(seeds), torch.empty(0), torch.tensor(newton.DAMPING_START))
-    width_min = seeding.WIDTH_MIN_TEXELS * math.pi / frame.height
+    width_min = narrowest(frame.height)
     found = descend(starts, whole, effort.levels, width_min, on_step)
     lobes = light.relight(found.lobes, replace(whole, corners=LIGHT), passes=1)
     return with_flux_of(lobes[0], frame, float(found.value))
@@ -206,8 +205,8 @@ def descend(
 
 
 def narrowest(height: int) -> float:
-    """Return sigma of the narrowest lobe that is followed on a map of `height` rows, radians."""
-    return FOLLOWED_MIN_TEXELS * math.pi / height
+    """Return sigma of the narrowest lobe on a map of `height` rows, in radians."""
+    return seeding.WIDTH_MIN_TEXELS * math.pi / height
 
 
 def mean_radiance(reference: Tensor) -> float:
