@@ -3,7 +3,8 @@
 
 tilt     axis_z turns by (t_x, t_y) towards axis_x, axis_y
 widths   s + 1/2 grows by a factor exp(e): like log s for narrow lobes, like s itself for broad
-ones, on which log s has no influence
+ones, on which log s has no influence. The amplitude grows with sqrt((sx + 1/2) (sy + 1/2)), so that
+a lobe that narrows keeps its flux: a sun's light and width would otherwise have to change together
 turn     a long lobe's frame turns about axis_z by an angle; a round one, which has no preferred
 axis, shears: D^1/2 exp([[0, e], [e, 0]]) D^1/2 with D = diag(sx + 1/2, sy + 1/2)
 light    the RGB amplitude, linear and never below 0
@@ -90,7 +91,19 @@ def advance(
     if width_min > 0:
         limit = min(limit, 1 / ((1.0 if lobes.form is Form.SG else 2.0) * width_min**2))
     sharpness = sharpness.clamp(min=asg.SHARPNESS_MIN, max=limit)
-    return Lobes(axes, sharpness, (lobes.amplitude + light).clamp(min=0), lobes.form)
+    amplitude = (lobes.amplitude + light).clamp(min=0) * concentration(lobes, sharpness)
+    return Lobes(axes, sharpness, amplitude, lobes.form)
+
+
+def concentration(lobes: Lobes, sharpness: Tensor) -> Tensor:
+    """Return by how much a lobe of other widths is brighter at the same flux, nearly.  [..., N, 1].
+
+    The flux of a narrow lobe is its amplitude over sqrt(sx sy); s + 1/2 stands for s here as well.
+    """
+    ratio = (sharpness + BROAD) / (lobes.sharpness + BROAD)
+    if lobes.form is Form.SG:
+        return ratio[..., :1]
+    return ratio.prod(-1, keepdim=True).sqrt()
 
 
 def _reshape(lobes: Lobes, shape: Tensor) -> tuple[Tensor, Tensor]:

@@ -30,7 +30,7 @@ from asglight.lobes import Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import align, axes_around, parallel_transport
 
-LIVE = (Level(4, Corners(0.1, 0.005)),)
+LIVE = (Level(1, Corners(0.1, 0.005)),)
 
 FAST = (Level(6, Corners(0.3, 0.02)), Level(10, Corners(0.1, 0.005)))
 
@@ -42,6 +42,9 @@ BEST = (
 
 START_ROWS = 32
 """Rows of the grid of cells on which starts compete: it tells them apart as well as a finer one."""
+
+START_REFINED = 16
+"""Cells that are refined there; with 64 a map of 256 rows has twice as many leaves."""
 
 FORETELL_DEG = 20.0
 """A lobe that moved further went dark and was sent elsewhere; that foretells nothing."""
@@ -93,7 +96,7 @@ def fit_next_frame(
     cosine = torch.where(dark, -1.0, math.cos(math.radians(LEASH_DEG)))
     leash = Leash(before.axis_z, cosine.to(before.axis_z))
     whole = objective.target(frame.radiance)
-    places = leaves(frame.radiance, START_ROWS)
+    places = leaves(frame.radiance, START_ROWS, START_REFINED)
     coarse = objective.target(frame.radiance, levels[0].corners, places)
     width_min = narrowest(frame.height)
     outcome = _started(before, earlier, coarse, leash, width_min)

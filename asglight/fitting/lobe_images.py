@@ -198,6 +198,7 @@ def footprint(lobes: Lobes, rows: Sequence[int]) -> Footprint:
     shapes = -(sides.mT[..., None, :, :] @ change @ sides[..., None, :, :])
     # d log c = -tr((I + 2 T S)^-1 T dS)
     log_peak = -((moment @ inverse)[..., None, :, :] * change.mT).sum((-2, -1))
+    log_peak[..., :2] += 0.5  # a width changes at constant flux (coordinates.py)
     shapes = _monomials(shapes) + log_peak[..., None] * _one(moment)
     square = torch.cat([_monomials(tilts), shapes], dim=-2)
     return Footprint(exponent, torch.cat([square.new_zeros(*square.shape[:-1], 3), square], dim=-1))
@@ -208,7 +209,7 @@ def _sg_derivatives(lobes: Lobes, moment: Tensor, inverse: Tensor) -> Tensor:
     shifted, inverse = lobes.sharpness[..., 0] + BROAD, inverse[..., 0, 0]
     seen = lobes.sharpness[..., 0] * inverse  # s'
     change = shifted * inverse.square()  # ds'
-    log_peak = -shifted * moment[..., 0, 0] * inverse
+    log_peak = 1 - shifted * moment[..., 0, 0] * inverse  # at constant flux
     found = inverse.new_zeros(*inverse.shape, 5, 9)
     found[..., :2, :3] = seen[..., None, None] * lobes.axes[..., :2, :]
     found[..., 2, :3] = change[..., None] * lobes.axis_z

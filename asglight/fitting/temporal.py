@@ -4,9 +4,9 @@
     T = gamma sum over lobes i of p_i sqrt(|delta_i|^2 + eps^2)
 
 p_i is the lobe's share of the flux and delta_i its way from the frame before in units of itself:
-tilts in lobe widths, sharpnesses s + 1/2 in factors e, the turn in radians of a long lobe, light in
-parts of its brightest channel. It is the L_T of Clausen et al. 2024, a norm and not a square: noise
-of the map is held back, a real motion is not dragged behind.
+tilts in lobe widths, sharpnesses s + 1/2 in factors e, the turn in radians of a long lobe, light at
+the width before in parts of its brightest channel. It is the L_T of Clausen et al. 2024, a norm and
+not a square: noise of the map is held back, a real motion is not dragged behind.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting.coordinates import BROAD
+from asglight.fitting.coordinates import BROAD, concentration
 from asglight.lobes import Form, Lobes, asg
 
 GAMMA = 0.003
@@ -75,7 +75,7 @@ def displacement(lobes: Lobes, held: Prior) -> Tensor:
     )
     widths = ((lobes.sharpness + BROAD) / (before.sharpness + BROAD)).log()
     turn = (lobes.axis_x * before.axis_y).sum(-1, keepdim=True)
-    light = lobes.amplitude - before.amplitude
+    light = lobes.amplitude * concentration(lobes, before.sharpness) - before.amplitude
     return torch.cat([tilt, widths, turn, light], dim=-1) / held.scale
 
 
@@ -89,9 +89,10 @@ def add_curvature(hessian: Tensor, gradient: Tensor, lobes: Lobes, held: Prior) 
     """Add T's majoriser to the normal equations in place.  [F, 8 N, 8 N], [F, 8 N]."""
     delta = displacement(lobes, held)
     weight = (held.share / (delta.square().sum(-1) + CORNER**2).sqrt())[..., None]
-    curvature = (weight / held.scale.square()).double()
-    torch.diagonal(hessian, dim1=-2, dim2=-1).add_(curvature.flatten(1))
-    gradient.add_((weight * delta / held.scale).double().flatten(1))
+    unit = held.scale.clone()
+    unit[..., 5:] /= concentration(lobes, held.lobes.sharpness)
+    torch.diagonal(hessian, dim1=-2, dim2=-1).add_((weight / unit.square()).double().flatten(1))
+    gradient.add_((weight * delta / unit).double().flatten(1))
 
 
 def is_dark(lobes: Lobes) -> Tensor:

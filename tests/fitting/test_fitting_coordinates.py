@@ -67,6 +67,16 @@ def test_widths_grow_by_factors_of_the_shifted_sharpness() -> None:
     torch.testing.assert_close(moved.axes, round_.axes)
 
 
+@pytest.mark.parametrize("form", list(Form))
+def test_a_narrow_lobe_keeps_its_flux_whatever_its_width(form: Form) -> None:
+    narrow = random_lobes(form)
+    narrow = Lobes(narrow.axes, 200 + 20 * narrow.sharpness, narrow.amplitude, form)
+    moved = advance(narrow, _step(5, width_x=0.4, width_y=-0.3, turn=0.2))
+    assert not torch.allclose(moved.amplitude, narrow.amplitude, rtol=0.01)
+    # s + 1/2 for s, and the hemisphere's curve, of 1 / s both
+    torch.testing.assert_close(asg.flux(moved), asg.flux(narrow), rtol=0.01, atol=0)
+
+
 def test_long_lobes_turn_and_round_ones_shear() -> None:
     lobes = random_lobes(Form.ASG, count=20)
     round_ = coordinates.is_round(lobes)

@@ -42,7 +42,7 @@ def test_maps_with_fewer_rows_than_the_grid_are_measured_on_their_own() -> None:
     fit = fit_frame(reference, FitOptions(lobes=2), None)
     judged = frame_errors(fit.lobes, reference).values
     found = errors(fit.lobes, shown(reference))
-    assert found["r0.5"] == pytest.approx(judged["r0.5"], rel=0.2, abs=2e-3)  # 16 rings of 16 rows
+    assert found["r0.5"] == pytest.approx(judged["r0.5"], rel=0.2, abs=3e-3)  # 16 rings of 16 rows
 
 
 def test_errors_have_no_unit() -> None:
