@@ -50,8 +50,7 @@ FORETELL_DEG = 20.0
 """A lobe that moved further went dark and was sent elsewhere; that foretells nothing."""
 
 DAMPING_START = 0.05
-"""More than a first frame's: with 1e-3 the first step of most frames fails, and `live` has four.
-On three sequences it ends with 5 to 50 % less irr and r0.5."""
+"""More than a first frame's: the steps are few, and with 1e-3 the first one often fails."""
 
 LEASH_DEG = 9.9
 """From frame to frame a lit lobe turns by less than this: beyond 10 degrees it would be a jump."""
