@@ -58,9 +58,8 @@ LEASH_DEG = 9.9
 LACKING_SHARE = 5e-3
 """Filtered radiance lacking at a place, over the largest there is, that is worth a free lobe."""
 
-SUSPECT_LOSS = 1.5
-"""Loss from which a frame is fitted afresh as well: three times that of the hardest of ten real
-maps, and above what a lamp that rushes past within one shot costs."""
+SUSPECT_LOSS = 1.0
+"""Loss from which a frame is fitted afresh as well: twice that of the hardest of ten real maps."""
 
 CUT_GAIN = 0.5
 """A fresh fit with less than this share of the loss means a cut: the lobes start anew."""

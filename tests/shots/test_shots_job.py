@@ -70,7 +70,7 @@ def test_a_fast_shot_is_refined_between_its_neighbours(source: Path, output: Pat
     for index in range(4):
         expected = asg.evaluate(lobes[index], directions)
         found = asg.evaluate(result.tracks.lobes[index], directions)
-        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)  # float32 sums
+        torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-4)  # float32 sums
     assert result.tracks.metadata["loss"] == pytest.approx(losses)
 
 
