@@ -61,7 +61,7 @@ LACKING_SHARE = 5e-3
 SUSPECT_LOSS = 1.0
 """Loss from which a frame is fitted afresh as well: twice that of the hardest of ten real maps."""
 
-CUT_GAIN = 0.5
+CUT_GAIN = 0.2
 """A fresh fit with less than this share of the loss means a cut: the lobes start anew."""
 
 FREE_LOBE_SHARPNESS = 60.0
