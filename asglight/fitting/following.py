@@ -59,7 +59,8 @@ LACKING_SHARE = 5e-3
 """Filtered radiance lacking at a place, over the largest there is, that is worth a free lobe."""
 
 SUSPECT_LOSS = 1.0
-"""Loss from which a frame is fitted afresh as well: twice that of the hardest of ten real maps."""
+"""Loss from which a frame gets the steps of `FAST` on top, and if that is not enough, is fitted
+afresh as well: twice the loss of the hardest of ten real maps."""
 
 CUT_GAIN = 0.2
 """A fresh fit with less than this share of the loss means a cut: the lobes start anew."""
@@ -102,16 +103,9 @@ def fit_next_frame(
         sent = _send_free_lobes(outcome.lobes[0], dark, whole)
         outcome = replace(outcome, lobes=sent[None])
     held = temporal.prior(outcome.lobes)
-    for level in levels:
-        outcome = newton.minimise(
-            outcome.lobes,
-            replace(whole, corners=level.corners),
-            level.steps,
-            priors=[held],
-            damping=outcome.damping,
-            width_min=width_min,
-            leash=leash,
-        )
+    outcome = _stepped(outcome, whole, levels, held, leash, width_min)
+    if float(outcome.value) > SUSPECT_LOSS:
+        outcome = _stepped(outcome, whole, FAST, held, leash, width_min)
     loss = float(outcome.value)
     if loss > SUSPECT_LOSS:
         fresh = fit_first_frame(reference, previous.count, previous.form)
@@ -120,6 +114,28 @@ def fit_next_frame(
     aligned = align(outcome.lobes[0], before)
     lit = light.relight(aligned[None], replace(whole, corners=LIGHT), passes=1)
     return with_flux_of(lit[0], frame, loss)
+
+
+def _stepped(
+    outcome: newton.Outcome,
+    frame: objective.Target,
+    levels: tuple[Level, ...],
+    held: temporal.Prior,
+    leash: Leash,
+    width_min: float,
+) -> newton.Outcome:
+    """Take the steps of each level in turn, the temporal term on."""
+    for level in levels:
+        outcome = newton.minimise(
+            outcome.lobes,
+            replace(frame, corners=level.corners),
+            level.steps,
+            priors=[held],
+            damping=outcome.damping,
+            width_min=width_min,
+            leash=leash,
+        )
+    return outcome
 
 
 def _started(
