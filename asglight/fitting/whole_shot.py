@@ -51,16 +51,12 @@ def refine_shot(
     Yields:
         Index of the first frame of a chunk, the chunk's lobes [F', N, .] and its losses.
     """
-    shot = _copy(lobes)
+    shot = lobes.clone()
     first = 0
     for frames in chunks:
         losses = _refine(shot, first, frames)
-        yield first, _copy(shot[first : first + len(frames)]), losses
+        yield first, shot[first : first + len(frames)].clone(), losses
         first += len(frames)
-
-
-def _copy(lobes: Lobes) -> Lobes:
-    return Lobes(lobes.axes.clone(), lobes.sharpness.clone(), lobes.amplitude.clone(), lobes.form)
 
 
 def _refine(shot: Lobes, first: int, frames: list[Exposed]) -> list[float]:

@@ -103,8 +103,21 @@ def local_values(lobes: Lobes, local: Tensor) -> Tensor:
 
 
 def integral(lobes: Lobes) -> Tensor:
-    """Integrate each unit-amplitude lobe over the sphere, exactly, in steradians.  [..., N]."""
-    return moments(lobes).zeroth
+    """Integrate each unit-amplitude lobe over the sphere, exactly, in steradians.  [..., N].
+
+    Computed in float64 and returned in the dtype of the sharpness; differentiable.
+    """
+    sharpness = lobes.sharpness.double()
+    if lobes.form is Form.SG:
+        result = _sg_integral(sharpness[..., 0])
+    else:
+        around = _around(sharpness)
+        smooth = lobes.form is Form.ASG
+        radial = _smooth_integral(around.q) if smooth else _Dawson.apply(around.q)
+        result = (around.weight * radial).sum(-1)
+        if lobes.form is Form.BINGHAM:  # two equal hemispheres
+            result = 2 * result
+    return result.to(lobes.sharpness.dtype)
 
 
 def flux(lobes: Lobes) -> Tensor:
@@ -138,8 +151,24 @@ def rotate(lobes: Lobes, rotation: Tensor) -> Lobes:
     return replace(lobes, axes=lobes.axes @ rotation[..., None, :, :].mT)
 
 
-def _disc_moments(sharpness: Tensor, *, smooth: bool) -> Moments:
-    """Return the moments over the hemisphere z > 0, with (`smooth`) or without the factor z.
+class _Around(NamedTuple):
+    """Nodes of the integral over phi.
+
+    Attributes:
+        x_is_large: Whether x has the larger sharpness.  [..., 1]
+        weight: Weights of the nodes, the four quadrants together.  [..., K]
+        along_large: Squared cosine to the axis of the larger sharpness.  [..., K]
+        q: sx cos^2 phi + sy sin^2 phi.  [..., K]
+    """
+
+    x_is_large: Tensor
+    weight: Tensor
+    along_large: Tensor
+    q: Tensor
+
+
+def _around(sharpness: Tensor) -> _Around:
+    """Place the nodes of the integral over phi.
 
     The integrand has a feature of angular width sqrt(max(small, 1) / large) around the direction of
     the smaller sharpness. tan(theta) = delta tan(psi) spreads it evenly over psi, after which the
@@ -155,26 +184,36 @@ def _disc_moments(sharpness: Tensor, *, smooth: bool) -> Moments:
     weight = 4 * (math.pi / 2 / ANGLE_NODES) * delta / stretched  # four equal quadrants
     along_large = delta.square() * torch.sin(psi).square() / stretched  # cos^2 phi
     along_small = torch.cos(psi).square() / stretched  # sin^2 phi
-    q = small * along_small + large * along_large
+    return _Around(x_is_large, weight, along_large, small * along_small + large * along_large)
+
+
+def _disc_moments(sharpness: Tensor, *, smooth: bool) -> Moments:
+    """Return the moments over the hemisphere z > 0, with (`smooth`) or without the factor z."""
+    x_is_large, weight, along_large, q = _around(sharpness)
     radial_0, radial_1, radial_2 = _smooth_radial(q) if smooth else _sharp_radial(q)
     zeroth = (weight * radial_0).sum(-1)
     second_large = (weight * along_large * radial_2).sum(-1)
-    second_small = (weight * along_small * radial_2).sum(-1)
+    second_small = (weight * (1 - along_large) * radial_2).sum(-1)
     xx = torch.where(x_is_large[..., 0], second_large, second_small)
     yy = torch.where(x_is_large[..., 0], second_small, second_large)
     second = torch.stack([xx, yy, zeroth - xx - yy], dim=-1)
     return Moments(zeroth, (weight * radial_1).sum(-1), second)
 
 
+def _smooth_integral(q: Tensor) -> Tensor:
+    """Integrate rho times exp(-q rho^2) over rho in [0, 1]."""
+    return -torch.expm1(-q) / (2 * q)
+
+
 def _smooth_radial(q: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Integrate rho, z rho and rho^3 times exp(-q rho^2) over rho in [0, 1]."""
+    """Integrate rho, rho z and rho^3 times exp(-q rho^2) over rho in [0, 1]."""
     dawson = _Dawson.apply(q)
     near_zero = q < 1e-2  # below it the closed form of the third loses four digits
     safe = torch.where(near_zero, 1.0, q)
     closed = (1 - (1 + safe) * torch.exp(-safe)) / (2 * safe * safe)
     series = 1 / 4 - q * (1 / 6 - q * (1 / 16 - q * (1 / 60 - q * (1 / 288 - q / 1680))))
     return (
-        -torch.expm1(-q) / (2 * q),
+        _smooth_integral(q),
         (1 - dawson) / (2 * q),
         torch.where(near_zero, series, closed),
     )
@@ -207,9 +246,14 @@ class _Dawson(torch.autograd.Function):
         return grad[0] * derivative
 
 
+def _sg_integral(s: Tensor) -> Tensor:
+    """Return the integral of exp(s (z - 1)) over the sphere."""
+    return -2 * math.pi * torch.expm1(-2 * s) / s
+
+
 def _sg_moments(s: Tensor) -> Moments:
     """Return the moments of exp(s (z - 1)): von Mises-Fisher statistics without normalisation."""
-    zeroth = -2 * math.pi * torch.expm1(-2 * s) / s
+    zeroth = _sg_integral(s)
     small = s < 0.05  # there coth(s) - 1/s cancels; the series is exact to 2e-11
     safe = torch.where(small, 1.0, s)
     langevin = 1 / torch.tanh(safe) - 1 / safe

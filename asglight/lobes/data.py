@@ -92,6 +92,15 @@ class Lobes:
             amplitude=self.amplitude.to(*args, **kwargs),
         )
 
+    def clone(self) -> Self:
+        """Copy every tensor."""
+        return replace(
+            self,
+            axes=self.axes.clone(),
+            sharpness=self.sharpness.clone(),
+            amplitude=self.amplitude.clone(),
+        )
+
     def select(self, lobes: Tensor) -> Self:
         """Pick lobes by index or mask along N."""
         return replace(
