@@ -42,6 +42,7 @@ class Grid:
 
 
 @lru_cache(maxsize=16)
+@torch.inference_mode(False)
 def grid(height: int, device: str = "cpu") -> Grid:
     """Return the grid of a height on a device."""
     directions = latlong.directions(height, 2 * height, dtype=torch.float64).reshape(-1, 3)
@@ -110,6 +111,7 @@ def coarser(height: int, wanted: int) -> int:
 
 
 @lru_cache(maxsize=32)
+@torch.inference_mode(False)
 def _row_shares(height: int, coarse: int, device: str) -> Tensor:
     """Return each texel's share of its cell's solid angle, by row.  [coarse, factor]."""
     factor = height // coarse

@@ -76,6 +76,7 @@ def _views(images: Tensor, sharing: tuple[Probe, ...], rows: int) -> list[Tensor
 
 
 @lru_cache(maxsize=32)
+@torch.inference_mode(False)
 def _stacked_spectra(sharing: tuple[Probe, ...], rows: int, device: str) -> Tensor:
     return torch.cat([_spectra(p, rows, device) for p in sharing], dim=1)
 
@@ -138,6 +139,7 @@ def _stride(source: Probe, rows: int) -> int:
 
 
 @lru_cache(maxsize=32)
+@torch.inference_mode(False)
 def _shares(source: Probe, rows: int, device: str) -> Tensor:
     columns = 2 * rows // _stride(source, rows)
     areas = latlong.texel_solid_angles(source.rings, columns, dtype=torch.float64)
@@ -145,6 +147,7 @@ def _shares(source: Probe, rows: int, device: str) -> Tensor:
 
 
 @lru_cache(maxsize=32)
+@torch.inference_mode(False)
 def _spectra(source: Probe, rows: int, device: str) -> Tensor:
     """Return the filter from rows to rings for each frequency of longitude.  [F, R, H]."""
     texels = latlong.directions(rows, 2 * rows, dtype=torch.float64).reshape(-1, 3)

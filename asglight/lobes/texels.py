@@ -156,6 +156,7 @@ def texels_reached(lobe: Lobes, grid: tuple[int, int]) -> Tensor:
 
 
 @lru_cache(maxsize=16)
+@torch.inference_mode(False)
 def _centres(grid: tuple[int, int], dtype: torch.dtype, device: str) -> Tensor:
     return latlong.directions(*grid, dtype=dtype, device=device).reshape(-1, 3).mT.contiguous()
 
@@ -249,6 +250,7 @@ def _rule(nodes: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @lru_cache(maxsize=32)
+@torch.inference_mode(False)
 def _row_nodes(height: int, nodes: int, dtype: torch.dtype, device: str) -> _RowNodes:
     place, weight = _rule(nodes)
     latitude = math.pi / 2 - math.pi * (np.arange(height)[:, None] + place) / height
@@ -259,6 +261,7 @@ def _row_nodes(height: int, nodes: int, dtype: torch.dtype, device: str) -> _Row
 
 
 @lru_cache(maxsize=32)
+@torch.inference_mode(False)
 def _column_nodes(width: int, nodes: int, dtype: torch.dtype, device: str) -> tuple[Tensor, Tensor]:
     """Return sin and cos of longitude.  [W, n], [W, n]."""
     place, _ = _rule(nodes)
