@@ -9,19 +9,21 @@ output, progress to standard error. Maps finer than 256 x 512 are averaged down 
 import argparse
 import contextlib
 import json
+import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import fit_figures
+import fit_following
 import fit_leaving_out
 import fit_machine
 import fit_measures
+import fit_tables
 import torch
 
 from asglight.cli.parser import Parser, one_line
-from asglight.cli.printing import duration
 from asglight.cli.progress import reporter
 from asglight.errors import InputError
 from asglight.fitting import paper
@@ -36,22 +38,11 @@ EXAMPLE = """example:
 
 IMAGE_SUFFIXES = (".exr", ".hdr")
 CURVE_MAP = "lobby"
+SEQUENCE_PART = 10
+"""The paper's recipe takes one of so many of its steps on a sequence, or it would take hours."""
+
 QUICK_MAPS, QUICK_PAPER_STEPS, QUICK_FRAMES = 2, 300, 6
-DIGITS = {"env": 3, "irr": 4, "irrMax": 4, "r0.5": 4, "r0.25": 3, "flux": 5}
-"""Decimals of each metric: three figures of what a good fit leaves."""
-
 THREADS_HELP = "threads of EM, of the paper's recipe and of judging (2); presets compute on one"
-
-GOALS = {
-    "loss": "the paper's last loss",
-    "irr": "the paper's last irr",
-    "r0.25": "the paper's last r0.25",
-    "near": "the paper's last loss and 1 %",
-    "back": "the last loss of {preset}",
-}
-"""The races of `fit_measures.races`."""
-
-MISS = "✗"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -87,10 +78,10 @@ def _parser() -> Parser:
     )
     add("--frames", type=_positive, metavar="N", help="the first N frames of each sequence (all)")
     add(
-        "--independent-frames",
+        "--peer-frames",
         type=_positive,
         metavar="N",
-        help="of those, the first N are also fitted from nothing (all)",
+        help="of those, the first N are also fitted from nothing and by the paper's recipe (all)",
     )
     add(
         "--tolerance",
@@ -158,8 +149,13 @@ def run(options: argparse.Namespace) -> None:
         fit_figures.draw_accuracy(options.output / "accuracy.png", result)
         _write_json(options.output / "fit.json", result)
         result["following"] = {
-            sequence.name: fit_measures.following(
-                sequence, frames, options.independent_frames, options.lobes, report
+            sequence.name: fit_following.following(
+                sequence,
+                frames,
+                options.peer_frames,
+                options.lobes,
+                math.ceil(paper_steps / SEQUENCE_PART),
+                report,
             )
             for sequence in sequences
         }
@@ -171,7 +167,7 @@ def run(options: argparse.Namespace) -> None:
         }
         fit_figures.draw_curves(options.output / "curves.png", result)
         _write_json(options.output / "fit.json", result)
-    print(tables(result))
+    print(fit_tables.tables(result))
 
 
 def _leave_out(
@@ -189,7 +185,7 @@ def _leave_out(
     del result["lobes"]  # which the tolerance finds
     result["leaving_out"] = {"tolerance": options.tolerance, "inputs": found}
     _write_json(options.output / "fit.json", result)
-    print(_markdown(fit_leaving_out.HEADER, fit_leaving_out.table_rows(found)))
+    print(fit_tables.markdown(fit_leaving_out.HEADER, fit_leaving_out.table_rows(found)))
     print(f"\n{fit_leaving_out.note(options.tolerance)}")
 
 
@@ -257,137 +253,6 @@ def _write_json(path: Path, result: dict[str, Any]) -> None:
     with _writing(path):
         beside.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
         beside.replace(path)
-
-
-def tables(result: dict[str, Any]) -> str:
-    """Return all results as Markdown."""
-    at = result["machine"]
-    parts = [
-        f"{result['lobes']} lobes; {at['processor']}, {at['cores']} cores, torch {at['torch']}; "
-        f"threads: presets 1, EM and the paper's recipe {at['threads']}; load of the machine "
-        f"before the run {at['load']}."
-    ]
-    if result["quick"]:
-        parts.append("A quick run: it shows that all works, not how well.")
-    maps = result["accuracy"]["maps"]
-    for preset, account in result["accuracy"]["presets"].items():
-        parts += [f"### Accuracy: {preset} / EM", accuracy_table(maps, preset, account)]
-    parts += ["### Time to the same error", curves_table(result["curves"])]
-    parts += ["### Following", following_table(result["following"])]
-    return "\n\n".join(parts)
-
-
-def accuracy_table(
-    maps: dict[str, dict[str, dict[str, float]]], preset: str, account: dict[str, Any]
-) -> str:
-    """Return errors of a preset beside those of EM, their ratios, and marks on missed targets."""
-    every, middle = account["targets"]["every"], account["targets"]["median"]
-    rows = []
-    for name, methods in maps.items():
-        ours, peer, ratios = methods[preset], methods["em"], account["ratios"][name]
-        cells = []
-        for key, digits in DIGITS.items():
-            cell = f"{ours[key]:.{digits}f} / {peer[key]:.{digits}f}"
-            cell += f" ({ratios[key]:.2f})" if key in ratios else ""
-            cells.append(_marked(cell, key in account["missed"][name]))
-        for key in ("wall_seconds", "cpu_seconds"):
-            cells.append(f"{ours[key]:.1f} / {peer[key]:.1f}")
-        rows.append([name, *cells])
-    summary = {
-        "median ratio": [
-            _marked(f"{account['median'][key]:.2f}", key in account["missed_median"])
-            for key in account["median"]
-        ],
-        "target of the median": [
-            f"{middle[key]:.2f}" if key in middle else "" for key in account["median"]
-        ],
-        "worst ratio": [f"{ratio:.2f}" for ratio in account["worst"].values()],
-        "target of every map": [f"{every[key]:.2f}" for key in account["worst"]],
-    }
-    flux = {"target of every map": f"{every['flux']}"}
-    rows += [[name, *cells, flux.get(name, ""), "", ""] for name, cells in summary.items()]
-    note = (
-        f"Each cell: {preset} / EM (ratio). {MISS} misses its target; where irr is "
-        f"{fit_measures.IRR_ENOUGH} or less, irr and irrMax are enough whatever EM reaches."
-    )
-    return f"{_markdown(['map', *DIGITS, 'wall s', 'CPU s'], rows)}\n\n{note}"
-
-
-def _marked(cell: str, is_missed: bool) -> str:
-    return f"{cell} {MISS}" if is_missed else cell
-
-
-def curves_table(curves: dict[str, Any]) -> str:
-    """Return the seconds that presets and the paper's recipe take to the same error."""
-    rows = []
-    for name, curve in curves.items():
-        for preset, races in curve["races"].items():
-            for key, race in races.items():
-                goal = GOALS[key].format(preset=preset)
-                rows.append(
-                    [
-                        name,
-                        preset,
-                        f"{goal}, {race['level']:.4f}",
-                        _seconds(race["paper_seconds"]),
-                        _seconds(race["seconds"]),
-                        fit_figures.times(race["times_faster"]),
-                    ]
-                )
-    steps = sorted({curve["paper_steps"] for curve in curves.values()})
-    header = ["map", "preset", "down to", "paper", "preset takes", "times faster"]
-    return f"{_markdown(header, rows)}\n\n{paper_note(steps[0])}"
-
-
-def paper_note(steps: int) -> str:
-    """Say how long the paper's recipe ran."""
-    full = paper.FIRST_FRAME_STEPS
-    if steps < full:
-        return f"The paper's recipe was cut short: {steps:,} of its {full:,} steps."
-    return f"The paper's recipe ran all its {steps:,} steps."
-
-
-def _seconds(seconds: float | None) -> str:
-    if seconds is None:
-        return "never"
-    return f"{seconds:.2f} s" if seconds < 10 else duration(seconds)
-
-
-def following_table(sequences: dict[str, Any]) -> str:
-    """Return seconds, errors, flicker and jumps of each sequence and method."""
-    rows = []
-    for name, account in sequences.items():
-        for method, found in account["methods"].items():
-            first, *rest = found["wall_seconds"]
-            rest = rest or [first]
-            rows.append(
-                [
-                    f"{name}, {len(found['wall_seconds'])} frames",
-                    method,
-                    f"{first:.2f}",
-                    f"{sum(rest) / len(rest):.3f}",
-                    f"{max(rest):.3f}",
-                    *(f"{found['mean'][key]:.{DIGITS[key]}f}" for key in fit_measures.AVERAGED),
-                    f"{found['flicker']:.4f}",
-                    f"{found['jumps']}",
-                    f"{account['reading_seconds_per_frame']:.3f}",
-                ]
-            )
-    header = ["sequence", "method", "first frame s", "next frames s", "worst of them"]
-    header += [*fit_measures.AVERAGED, "flicker", "jumps", "reading s"]
-    note = (
-        f"Errors are means over every {fit_measures.AVERAGED_EVERY}th frame. A jump: a lobe with "
-        f"over {fit_measures.JUMP_SHARE:.0%} of the flux turns by more than "
-        f"{fit_measures.JUMP_DEG:g} degrees between neighbouring frames. `independent` fits each "
-        "frame from nothing (fast); its lobes are matched to the frame before. Reading is not in "
-        "the seconds of the fits."
-    )
-    return f"{_markdown(header, rows)}\n\n{note}"
-
-
-def _markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
 if __name__ == "__main__":

@@ -1,41 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The three measurements of `fit.py`: accuracy on maps, error against time, following a sequence.
+"""Two measurements of `fit.py`: accuracy on maps and error against time.
 
 No time includes decoding, recording or judging. Results are plain dictionaries, as fit.json holds
 them. Seconds are wall seconds, and CPU seconds of the whole process, all threads together.
 """
 
 import contextlib
-import itertools
-import math
 import statistics
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-import torch
-from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from asglight.cli.progress import Reporter
 from asglight.errors import InputError
-from asglight.fitting import first_frame, paper, whole_shot
+from asglight.fitting import first_frame, paper
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
 from asglight.fitting.sequence import fit_frame, one_thread
-from asglight.fitting.temporal import waiting
 from asglight.images import read_latlong
-from asglight.images import sequence as image_sequence
 from asglight.images.message import shown
-from asglight.judging.metrics import METRIC_NAMES, frame_errors, sequence_errors
-from asglight.lobes import Form, Lobes, asg
-from asglight.lobes.data import stack
+from asglight.judging.metrics import frame_errors
+from asglight.lobes import Form, Lobes
 from asglight.peers import vmf_em
 
 STILL_PRESETS = (Preset.FAST, Preset.BEST)
-FOLLOWING_PRESETS = (Preset.LIVE, Preset.FAST)
 
 RATIOS_MAX = {
     "fast": {"env": 0.95, "irr": 0.5, "irrMax": 0.5, "r0.5": 0.6, "r0.25": 0.85},
@@ -58,15 +50,9 @@ RACED = ("loss", "irr", "r0.25")
 CURVE_POINTS = 60
 """Points of the paper's curve, even in the logarithm of the step."""
 
-AVERAGED, AVERAGED_EVERY = ("env", "irr", "r0.5", "r0.25"), 4
-"""What a mean is of; frames from one that counts in it to the next: neighbours are alike."""
-
-JUMP_DEG, JUMP_SHARE = 10.0, 0.01
-"""A lobe jumps that turns by more from one frame to the next, with more of the flux in either."""
-
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
-_Point = dict[str, float]
+Point = dict[str, float]
 
 
 class Clock:
@@ -76,13 +62,13 @@ class Clock:
         """Start."""
         self._start = self._now()
 
-    def seconds(self, at: np.ndarray | None = None) -> _Point:
+    def seconds(self, at: np.ndarray | None = None) -> Point:
         """Return the seconds by name, now or at a time that was taken."""
         wall, cpu = ((self._now() if at is None else at) - self._start).tolist()
         return {"wall_seconds": wall, "cpu_seconds": cpu}
 
     @contextlib.contextmanager
-    def paused(self) -> Iterator[_Point]:
+    def paused(self) -> Iterator[Point]:
         """Stand still at the seconds that are handed out."""
         stopped = self._now()
         yield self.seconds(stopped)
@@ -93,7 +79,7 @@ class Clock:
         return np.array([time.perf_counter(), time.process_time()])
 
 
-def timed(call: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> tuple[_T, _Point]:
+def timed(call: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> tuple[_T, Point]:
     """Return what a call returns, and its seconds."""
     clock = Clock()
     result = call(*args, **kwargs)
@@ -116,7 +102,7 @@ def accuracy(paths: Sequence[Path], lobes: int, report: Reporter) -> dict[str, A
     """Fit every map with EM and the presets; return errors, seconds, and the ratios to EM."""
     for preset in STILL_PRESETS:  # unmeasured: a first fit also prepares its grids
         fit_frame(read_map(paths[0]), FitOptions(lobes, preset), None)
-    maps: dict[str, dict[str, _Point]] = {}
+    maps: dict[str, dict[str, Point]] = {}
     for path in report.follow(paths, "accuracy: maps", len(paths)):
         reference = read_map(path)
         peer, seconds = timed(vmf_em.fit, reference, lobes)
@@ -127,7 +113,7 @@ def accuracy(paths: Sequence[Path], lobes: int, report: Reporter) -> dict[str, A
     return {"maps": maps, "presets": {name.value: compare(maps, name) for name in STILL_PRESETS}}
 
 
-def compare(maps: dict[str, dict[str, _Point]], preset: str) -> dict[str, Any]:
+def compare(maps: dict[str, dict[str, Point]], preset: str) -> dict[str, Any]:
     """Return a preset's ratios to EM, their median and worst, its targets and what misses them.
 
     Args:
@@ -151,7 +137,7 @@ def compare(maps: dict[str, dict[str, _Point]], preset: str) -> dict[str, Any]:
     }
 
 
-def missed(ratios: _Point, errors: _Point, limits: _Point) -> list[str]:
+def missed(ratios: Point, errors: Point, limits: Point) -> list[str]:
     """Return the metrics of a map that miss their target."""
     enough = ("irr", "irrMax") if errors["irr"] <= IRR_ENOUGH else ()
     names = [name for name, limit in limits.items() if ratios[name] > limit and name not in enough]
@@ -162,7 +148,7 @@ def curves(path: Path, lobes: int, paper_steps: int, report: Reporter) -> dict[s
     """Return error against time on a map, and when each preset comes down to the paper's errors."""
     reference = read_map(path)
     frame = paper.target(reference)
-    found: dict[str, list[_Point]] = {}
+    found: dict[str, list[Point]] = {}
     for preset in STILL_PRESETS:
         stages = preset_curve(reference, preset, lobes)
         label = f"curves: {path.stem}, judging {preset}"
@@ -183,7 +169,7 @@ def curves(path: Path, lobes: int, paper_steps: int, report: Reporter) -> dict[s
 
 def paper_curve(
     reference: Tensor, lobes: int, steps: int, ticks: Iterator[int]
-) -> tuple[list[_Point], Lobes]:
+) -> tuple[list[Point], Lobes]:
     """Run the paper's recipe; return its loss against time (at the end, time alone), and its lobes.
 
     Args:
@@ -193,7 +179,7 @@ def paper_curve(
         ticks: Advanced with every step.
     """
     recorded = set(np.geomspace(1, steps, CURVE_POINTS).round().astype(int).tolist()) - {steps}
-    points: list[_Point] = []
+    points: list[Point] = []
     unmeasured = paper.start(reference, lobes, Form.ASG, seed=0)
     paper.fit_frame(reference, unmeasured, steps=1)  # torch loads parts of itself at the first step
     clock = Clock()
@@ -209,9 +195,9 @@ def paper_curve(
     return [*points, {"step": steps} | clock.seconds()], last
 
 
-def preset_curve(reference: Tensor, preset: Preset, lobes: int) -> list[tuple[_Point, Lobes]]:
+def preset_curve(reference: Tensor, preset: Preset, lobes: int) -> list[tuple[Point, Lobes]]:
     """Return seconds and lobes of `fast` after each step, and of any preset at its end."""
-    stages: list[tuple[_Point, Lobes]] = []
+    stages: list[tuple[Point, Lobes]] = []
     exposure = first_frame.mean_radiance(reference)
     clock = Clock()
 
@@ -227,11 +213,11 @@ def preset_curve(reference: Tensor, preset: Preset, lobes: int) -> list[tuple[_P
     return [*stages, (clock.seconds(), fit.lobes)]
 
 
-def _judged(lobes: Lobes, reference: Tensor, frame: paper.Target) -> _Point:
+def _judged(lobes: Lobes, reference: Tensor, frame: paper.Target) -> Point:
     return {"loss": float(paper.frame_loss(lobes, frame))} | frame_errors(lobes, reference).values
 
 
-def races(points: Sequence[_Point], curve: Sequence[_Point]) -> dict[str, dict[str, float | None]]:
+def races(points: Sequence[Point], curve: Sequence[Point]) -> dict[str, dict[str, float | None]]:
     """Return seconds of the paper and of a preset to the same error, and how many times faster.
 
     Down to the paper's last loss, irr and r0.25, for which the paper needs its whole run; to its
@@ -254,7 +240,7 @@ def _race(level: float, slow: float | None, quick: float | None) -> dict[str, fl
     return {"level": level, "paper_seconds": slow, "seconds": quick, "times_faster": ratio}
 
 
-def time_to_reach(curve: Sequence[_Point], name: str, level: float) -> float | None:
+def time_to_reach(curve: Sequence[Point], name: str, level: float) -> float | None:
     """Return the wall seconds at which an error first comes down to a level; None for never.
 
     The error is taken as linear between two points.
@@ -269,132 +255,3 @@ def time_to_reach(curve: Sequence[_Point], name: str, level: float) -> float | N
         part = (errors[index - 1] - level) / (errors[index - 1] - error)
         return seconds[index - 1] + part * (seconds[index] - seconds[index - 1])
     return None
-
-
-def following(
-    sequence: image_sequence.Sequence,
-    count: int | None,
-    independent: int | None,
-    lobes: int,
-    report: Reporter,
-) -> dict[str, Any]:
-    """Follow a sequence with each preset, and fit its frames independently.
-
-    Args:
-        sequence: Frames.
-        count: The first so many are used; None for all.
-        independent: The first so many of those are also fitted from nothing; None for all.
-        lobes: N.
-        report: Shows progress.
-    """
-    frames = sequence.frames[:count]
-    clock = Clock()
-    references = [sequence.read(frame).radiance for frame in frames]
-    reading = clock.seconds()["wall_seconds"]
-    shape = references[0].shape
-    methods: dict[str, dict[str, Any]] = {}
-    for preset in FOLLOWING_PRESETS:
-        options = FitOptions(lobes, preset)
-        follow(references[:2], options)  # unmeasured: prepares the grids
-        label = f"following: {sequence.name}, {preset}"
-        fitted = follow(report.follow(references, label, len(frames)), options)
-        if preset is Preset.FAST:
-            fitted = refined(references, *fitted)
-        methods[preset.value] = _account(references, *fitted)
-    alone = references[:independent]
-    label = f"following: {sequence.name}, independent"
-    found, seconds = follow(report.follow(alone, label, len(alone)), FitOptions(lobes), fresh=True)
-    methods["independent"] = _account(alone, matched(found), seconds)
-    return {
-        "frames": list(frames),
-        "rows": shape[0],
-        "columns": shape[1],
-        "reading_seconds_per_frame": reading / len(frames),
-        "methods": methods,
-    }
-
-
-def follow(
-    references: Iterable[Tensor], options: FitOptions, *, fresh: bool = False
-) -> tuple[list[Lobes], list[_Point]]:
-    """Fit frames one after the other; return their lobes and seconds.
-
-    Args:
-        references: Repaired radiance of each frame.  [H, W, 3]
-        options: Settings.
-        fresh: Start every frame from nothing.
-    """
-    found: list[Lobes] = []
-    seconds: list[_Point] = []
-    for reference in references:
-        known = [] if fresh else found
-        previous = known[-1] if known else None
-        earlier = known[-2] if len(known) > 1 else None
-        fit, spent = timed(fit_frame, reference, options, previous, earlier)
-        found.append(fit.lobes)
-        seconds.append(spent)
-    return found, seconds
-
-
-def refined(
-    references: Sequence[Tensor], found: Sequence[Lobes], seconds: Sequence[_Point]
-) -> tuple[list[Lobes], list[_Point]]:
-    """Refine a shot as `asglight fit` does; its seconds count evenly on every frame."""
-    clock, size = Clock(), whole_shot.CHUNK
-    shot, frames = stack(list(found)), [first_frame.exposed(radiance) for radiance in references]
-    chunks = [frames[at : at + size] for at in range(0, len(frames), size)]
-    with one_thread():
-        parts = [part for _, part, _ in whole_shot.refine_shot(shot, chunks)]
-    whole = clock.seconds()
-    total = [{name: s + whole[name] / len(frames) for name, s in one.items()} for one in seconds]
-    return [part[index] for part in parts for index in range(len(part.axes))], total
-
-
-def _account(
-    references: Sequence[Tensor], found: Sequence[Lobes], seconds: Sequence[_Point]
-) -> dict[str, Any]:
-    """Return errors, flicker, jumps and seconds of fitted frames, dark lobes waiting as written."""
-    found = [waiting(stack(list(found)))[index] for index in range(len(found))]
-    pairs = zip(found, references, strict=True)
-    errors = sequence_errors((k, frame_errors(*pair)) for k, pair in enumerate(pairs))
-    counted = list(errors.frames.values())[::AVERAGED_EVERY]
-    return {
-        "wall_seconds": [spent["wall_seconds"] for spent in seconds],
-        "cpu_seconds": [spent["cpu_seconds"] for spent in seconds],
-        "errors": {key: [row[key] for row in errors.frames.values()] for key in METRIC_NAMES},
-        "mean": {key: statistics.fmean(row[key] for row in counted) for key in AVERAGED},
-        "flicker": errors.mean.get("flicker", 0.0),
-        "jumps": jumps(found),
-    }
-
-
-def matched(found: Sequence[Lobes]) -> list[Lobes]:
-    """Reorder the lobes of each frame so that they turn least, the bright ones before all.
-
-    The order of lobes that were fitted independently means nothing: only the best match between
-    neighbouring frames can be called a motion.
-    """
-    result = list(found[:1])
-    for lobes in found[1:]:
-        before, share = _shares(result[-1]), _shares(lobes)
-        turned = torch.acos((result[-1].axis_z @ lobes.axis_z.mT).clamp(-1, 1))  # [N, N]
-        cost = turned * torch.maximum(before[:, None], share[None, :])
-        _, order = linear_sum_assignment(cost.numpy())
-        result.append(lobes.select(torch.from_numpy(order)))
-    return result
-
-
-def jumps(found: Sequence[Lobes]) -> int:
-    """Count how often a lobe turns by more than 10 degrees while it holds over 1 % of the flux."""
-    count = 0
-    for before, lobes in itertools.pairwise(found):
-        turned = (before.axis_z * lobes.axis_z).sum(-1) < math.cos(math.radians(JUMP_DEG))
-        lit = torch.maximum(_shares(before), _shares(lobes)) > JUMP_SHARE
-        count += int((turned & lit).sum())
-    return count
-
-
-def _shares(lobes: Lobes) -> Tensor:
-    """Return each lobe's share of the flux, RGB summed; zeros where all is dark.  [N]."""
-    flux = asg.flux(lobes).sum(-1)
-    return flux / flux.sum().clamp(min=torch.finfo(flux.dtype).tiny)

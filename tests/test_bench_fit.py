@@ -26,8 +26,10 @@ if not BENCHMARKS.is_dir():
     pytest.skip("benchmarks/ is in the repository alone", allow_module_level=True)
 sys.path.insert(0, str(BENCHMARKS))
 fit = importlib.import_module("fit")
+fit_following = importlib.import_module("fit_following")
 fit_leaving_out = importlib.import_module("fit_leaving_out")
 fit_measures = importlib.import_module("fit_measures")
+fit_tables = importlib.import_module("fit_tables")
 
 PICTURES = ("accuracy.png", "curves.png", "following.png")
 PAPER_STEPS, LOBES, FRAMES = 12, 4, 3
@@ -77,7 +79,7 @@ def printed(words: list[str]) -> str:
     sizes = {"--paper-steps": PAPER_STEPS, "--lobes": LOBES, "--threads": 1}
     more = [str(word) for pair in sizes.items() for word in pair]
     with contextlib.redirect_stdout(io.StringIO()) as output:
-        assert fit.main([*words, *more, "--quick", "--independent-frames", "2"]) == 0
+        assert fit.main([*words, *more, "--quick", "--peer-frames", "2"]) == 0
     return output.getvalue()
 
 
@@ -110,7 +112,10 @@ def test_a_quick_run_measures_all_three_parts(result: dict[str, Any]) -> None:
     following = result["following"]["lamp"]
     assert following["frames"] == [1001, 1002, 1003]
     assert len(following["methods"]["fast"]["wall_seconds"]) == FRAMES
-    assert len(following["methods"]["independent"]["errors"]["r0.25"]) == 2
+    for peer in ("independent", "paper"):
+        assert len(following["methods"][peer]["errors"]["r0.25"]) == 2
+    assert following["peer_frames"] == 2
+    assert following["paper_steps"] == [math.ceil(PAPER_STEPS / 10), 1]
     assert result["machine"]["threads"] == 1
 
 
@@ -191,10 +196,10 @@ def test_a_missed_target_is_marked() -> None:
     assert account["missed"] == {"fine": [], "lost": ["r0.5", "flux"]}
     assert account["missed_median"] == []  # (0.1 + 0.7) / 2 = 0.4 is the limit itself
     assert account["worst"]["r0.5"] == pytest.approx(0.7)
-    fine, lost = fit.accuracy_table(maps, "fast", account).splitlines()[2:4]
-    assert fit.MISS not in fine
+    fine, lost = fit_tables.accuracy_table(maps, "fast", account).splitlines()[2:4]
+    assert fit_tables.MISS not in fine
     assert "0.0700 / 0.1000 (0.70) ✗ |" in lost
-    assert lost.count(fit.MISS) == 2
+    assert lost.count(fit_tables.MISS) == 2
 
 
 def test_a_small_irradiance_error_is_enough_whatever_em_reaches() -> None:
@@ -256,19 +261,19 @@ def test_jumps_are_large_turns_of_lit_lobes() -> None:
         turning(9, 101, 180, 300, amplitude=lit),  # 9, 11, 0 degrees; 30 in the dark
         turning(0, 101, 170.5, 330, amplitude=(1.0, 1.0, 1.0, 0.1)),  # the last comes to light
     ]
-    assert fit_measures.jumps(frames[:2]) == 1
-    assert fit_measures.jumps(frames) == 2
-    assert fit_measures.jumps(frames[:1]) == 0
+    assert fit_following.jumps(frames[:2]) == 1
+    assert fit_following.jumps(frames) == 2
+    assert fit_following.jumps(frames[:1]) == 0
     faint = [turning(0, 90, amplitude=(1.0, 0.009)), turning(0, 120, amplitude=(1.0, 0.009))]
-    assert fit_measures.jumps(faint) == 0
+    assert fit_following.jumps(faint) == 0
 
 
 def test_independent_fits_jump_only_where_no_order_of_lobes_explains_it() -> None:
     first = turning(0, 90, 180, amplitude=(1.0, 2.0, 3.0))
     shuffled = turning(185, 5, 95, amplitude=(3.0, 1.0, 2.0))
-    assert fit_measures.jumps([first, shuffled]) == 3
-    found = fit_measures.matched([first, shuffled])
-    assert fit_measures.jumps(found) == 0
+    assert fit_following.jumps([first, shuffled]) == 3
+    found = fit_following.matched([first, shuffled])
+    assert fit_following.jumps(found) == 0
     assert found[1].amplitude[:, 0].tolist() == [1.0, 2.0, 3.0]
 
 
