@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import light, newton, objective, seeding
+from asglight.fitting import light, lobe_images, newton, objective, seeding
 from asglight.fitting.grid import grid
 from asglight.fitting.objective import Corners
 from asglight.fitting.regroup import regroup
@@ -26,12 +26,14 @@ class Level:
         corners: phi's corners: from wide ones, with few minima, to those that the metrics ask for.
         kept: Starts that go on after the steps, at most: those with the least J.
         rounds: Rounds of splits and merges after that.
+        matrices: Gauss-Newton matrices computed, at most (newton.py); None for one a step.
     """
 
     steps: int
     corners: Corners
     kept: int = 1
     rounds: int = 0
+    matrices: int | None = None
 
 
 @dataclass(frozen=True)
@@ -72,8 +74,6 @@ FINE = (
     Level(25, Corners(0.1, 0.005)),
     Level(15, Corners(0.1, 0.002)),
 )
-
-LIVE = Effort((seeding.SPREAD_DEG,), (*soft_to_sharp(8), *FINE[:1]))
 
 FAST = Effort(
     (1.0, 4.0, 12.0),
@@ -166,8 +166,9 @@ def fit_first_frame(
     starts = newton.Outcome(stack(seeds), torch.empty(0), torch.tensor(newton.DAMPING_START))
     width_min = narrowest(frame.height)
     found = descend(starts, whole, effort.levels, width_min, on_step)
-    lobes = light.relight(found.lobes, replace(whole, corners=LIGHT), passes=1)
-    return with_flux_of(lobes[0], frame, float(found.value))
+    shown = lobe_images.images(found.lobes, whole.places)
+    lit = light.relight(shown, replace(whole, corners=LIGHT), passes=1)
+    return with_flux_of(lit.lobes[0], frame, float(found.value))
 
 
 def descend(

@@ -15,6 +15,7 @@ from asglight.fitting import light, lobe_images, newton, objective, temporal
 from asglight.fitting.coordinates import Leash
 from asglight.fitting.first_frame import (
     LIGHT,
+    Exposed,
     FrameFit,
     Level,
     exposed,
@@ -22,15 +23,17 @@ from asglight.fitting.first_frame import (
     narrowest,
     with_flux_of,
 )
+from asglight.fitting.grid import coarsen, coarser
 from asglight.fitting.leaves import leaves
 from asglight.fitting.objective import Corners
 from asglight.fitting.probes import PROBES, directions, probe, probe_rows
-from asglight.fitting.tracking import drawn, found_again
+from asglight.fitting.tracking import claims, drawn, found_again
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import align, axes_around, parallel_transport
 
-LIVE = (Level(1, Corners(0.1, 0.005)),)
+LIVE = (Level(2, Corners(0.1, 0.005), matrices=1),)
+"""Half the cost of a step is its matrix, and from a good start the second would be the same."""
 
 FAST = (Level(6, Corners(0.3, 0.02)), Level(10, Corners(0.1, 0.005)))
 
@@ -44,7 +47,10 @@ START_ROWS = 32
 """Rows of the grid of cells on which starts compete: it tells them apart as well as a finer one."""
 
 START_REFINED = 16
-"""Cells that are refined there; with 64 a map of 256 rows has twice as many leaves."""
+"""Cells that are refined there; with 64 a map of 128 rows has twice as many leaves."""
+
+START_FINE_ROWS = 128
+"""Rows of the texels in those, at most: a lamp's place is known well enough to choose a start."""
 
 FORETELL_DEG = 20.0
 """A lobe that moved further went dark and was sent elsewhere; that foretells nothing."""
@@ -95,8 +101,7 @@ def fit_next_frame(
     cosine = torch.where(dark, -1.0, math.cos(math.radians(LEASH_DEG)))
     leash = Leash(before.axis_z, cosine.to(before.axis_z))
     whole = objective.target(frame.radiance)
-    places = leaves(frame.radiance, START_ROWS, START_REFINED)
-    coarse = objective.target(frame.radiance, levels[0].corners, places)
+    coarse = _coarse(frame, levels[0].corners)
     width_min = narrowest(frame.height)
     outcome = _started(before, earlier, coarse, leash, width_min)
     if bool(dark.any()):
@@ -111,9 +116,16 @@ def fit_next_frame(
         fresh = fit_first_frame(reference, previous.count, previous.form)
         if fresh.loss < CUT_GAIN * loss:
             return fresh
-    aligned = align(outcome.lobes[0], before)
-    lit = light.relight(aligned[None], replace(whole, corners=LIGHT), passes=1)
-    return with_flux_of(lit[0], frame, loss)
+    shown = lobe_images.images(outcome.lobes, whole.places)
+    lit = light.relight(shown, replace(whole, corners=LIGHT), passes=1).lobes[0]
+    return with_flux_of(align(lit, before), frame, loss)
+
+
+def _coarse(frame: Exposed, corners: Corners) -> objective.Target:
+    """Return the map as starts compete for it."""
+    rows = coarser(frame.height, START_FINE_ROWS)
+    radiance = coarsen(frame.radiance, frame.height, rows)
+    return objective.target(radiance, corners, leaves(radiance, START_ROWS, START_REFINED))
 
 
 def _stepped(
@@ -132,6 +144,7 @@ def _stepped(
             level.steps,
             priors=[held],
             damping=outcome.damping,
+            matrices=level.matrices,
             width_min=width_min,
             leash=leash,
         )
@@ -162,11 +175,13 @@ def _started(
         steady = (before.axis_z * earlier.axis_z).sum(-1) > math.cos(math.radians(FORETELL_DEG))
         places.append(torch.where(steady[:, None], onward, before.axis_z))
     still = _at(before, torch.stack(places))
-    found = found_again(still[:1], frame.repeated(1))
+    taken = claims(still, frame.repeated(len(places)))
+    found = found_again(still[:1], taken[:1], frame)
     if found is not None:
         still = stack([*(still[i] for i in range(len(places))), found[0]])
+        taken = torch.cat([taken, claims(found, frame)])
     count = len(still.axes)
-    after = drawn(still, frame.repeated(count), width_min)
+    after = drawn(still, taken, frame.repeated(count), width_min)
     both = stack([lobes[i] for lobes in (still, after) for i in range(count)])
     candidates = replace(both, axes=parallel_transport(both.axes, leash.hold(both.axis_z)))
     competing = frame.repeated(2 * count)
@@ -174,9 +189,9 @@ def _started(
     value = objective.value(shown.radiance, competing)
     still_best, after_best = value.view(2, -1).argmin(-1).tolist()
     pair = frame.repeated(2)
-    lit = light.relight(candidates[[still_best, count + after_best]], pair, passes=1)
-    value = objective.value(lobe_images.images(lit, pair.places).radiance, pair)
-    return newton.Outcome(lit, value, torch.full_like(value, DAMPING_START)).best()
+    lit = light.relight(shown[[still_best, count + after_best]], pair, passes=1)
+    value = objective.value(lit.radiance, pair)
+    return newton.Outcome(lit.lobes, value, torch.full_like(value, DAMPING_START)).best()
 
 
 def _at(lobes: Lobes, axis_z: Tensor) -> Lobes:

@@ -8,9 +8,9 @@ import scipy.optimize
 import torch
 from torch import Tensor
 
-from asglight.fitting import leaves, lobe_images, objective
+from asglight.fitting import leaves, objective
+from asglight.fitting.lobe_images import Images
 from asglight.fitting.probes import probe
-from asglight.lobes import Lobes
 
 PASSES = 3
 """Reweightings of the amplitudes' own problem: the third changes them by a percent or so."""
@@ -19,21 +19,20 @@ RIDGE = 1e-5
 """Of the unit diagonal of the amplitudes' Gram matrix: above the rounding of float32 images."""
 
 
-def relight(lobes: Lobes, frame: objective.Target, passes: int = PASSES) -> Lobes:
+def relight(shown: Images, frame: objective.Target, passes: int = PASSES) -> Images:
     """Solve for the amplitudes alone, shapes held: the linear part of the problem.
 
     Each pass is a non-negative least squares problem of the reweighted normal equations for each
     channel [Lawson and Hanson 1974].
 
     Args:
-        lobes: The lobes.  [F, N, .]
+        shown: The lobes on the leaves.
         frame: The maps and their weights.
         passes: Reweightings.
     """
-    shown = lobe_images.images(lobes, frame.places)
     values = shown.values * shown.scale[..., None]  # [F, N, P]
     views = probe(leaves.to_cells(values, frame.places), frame.places.rows)
-    amplitude = lobes.amplitude
+    amplitude = shown.lobes.amplitude
     for _ in range(passes):
         misfit = objective.misfit(amplitude.mT @ values, frame)
         gram = _weighted_gram(values, misfit.env_weight)
@@ -44,7 +43,7 @@ def relight(lobes: Lobes, frame: objective.Target, passes: int = PASSES) -> Lobe
         near = amplitude.double()
         solved = [_non_negative(*one) for one in zip(gram, right, near, strict=True)]
         amplitude = torch.stack(solved).to(amplitude)
-    return replace(lobes, amplitude=amplitude)
+    return replace(shown, lobes=replace(shown.lobes, amplitude=amplitude))
 
 
 def _weighted_gram(images: Tensor, weight: Tensor) -> Tensor:

@@ -18,7 +18,8 @@ coordinates come from the moments of lobe times slope.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import torch
 from torch import Tensor
@@ -72,6 +73,11 @@ class Images:
     values: Tensor
     gaussian: Tensor
     scale: Tensor
+
+    def __getitem__(self, index: Any) -> Self:
+        """Index the frames, as one would index each tensor."""
+        parts = {name: value[index] for name, value in vars(self).items()}
+        return replace(self, **parts)
 
     @property
     def light(self) -> Tensor:

@@ -75,6 +75,7 @@ def minimise(
     *,
     priors: Sequence[temporal.Prior] = (),
     damping: Tensor | float = DAMPING_START,
+    matrices: int | None = None,
     width_min: float = 0.0,
     leash: Leash | None = None,
     tolerance: float = TOLERANCE,
@@ -88,6 +89,8 @@ def minimise(
         steps: Steps tried, taken or not.
         priors: The temporal terms, added to J: one for each neighbouring frame.
         damping: First damping.  [F]
+        matrices: Times that H is computed, at most; later steps take the last one with a gradient
+            of their own, which is the chord method. None for every step.
         width_min: Sigma of the narrowest lobe allowed, radians.
         leash: Bounds on the directions.
         tolerance: Stop when the step of each frame lowers J by less than this share of it.
@@ -96,11 +99,16 @@ def minimise(
     state = _judged(lobes, frame, priors)
     damping = torch.as_tensor(damping, dtype=torch.float64, device=lobes.axes.device)
     damping = damping.expand(len(state.value))
-    equations: tuple[Tensor, Tensor] | None = None
+    gradient: Tensor | None = None
+    hessian = torch.empty(0)
+    left = steps if matrices is None else matrices
     for _ in range(steps):
-        if equations is None:
-            equations = _equations(state, frame, priors)
-        step = _solve(*equations, state.shown.lobes, damping)
+        if gradient is None and left > 0:
+            hessian, gradient = _equations(state, frame, priors)
+            left -= 1
+        elif gradient is None:
+            gradient = _gradient(state, frame, priors)
+        step = _solve(hessian, gradient, state.shown.lobes, damping)
         tried = _judged(advance(state.shown.lobes, step, width_min, leash), frame, priors)
         better = tried.value < state.value
         finished = better & (state.value - tried.value < tolerance * state.value)
@@ -112,7 +120,7 @@ def minimise(
         waits = lobes.axes.is_cuda  # then every decision stays on the device
         if waits or bool(better.any()):
             state = tried if not waits and bool(better.all()) else _chosen(better, tried, state)
-            equations = None
+            gradient = None
         if on_step is not None:
             on_step(state.shown.lobes)
         if not waits and bool((finished | (damping >= DAMPING_MAX)).all()):
@@ -161,8 +169,21 @@ def _equations(
 ) -> tuple[Tensor, Tensor]:
     hessian, gradient = normal_equations(state.shown, state.misfit, frame)
     for prior in priors:
-        temporal.add_curvature(hessian, gradient, state.shown.lobes, prior)
+        curvature, slope = temporal.slopes(state.shown.lobes, prior)
+        torch.diagonal(hessian, dim1=-2, dim2=-1).add_(curvature)
+        gradient = gradient + slope
     return hessian, gradient
+
+
+def _gradient(state: _State, frame: objective.Target, priors: Sequence[temporal.Prior]) -> Tensor:
+    """Return the gradient of J and the temporal terms.  [F, 8 N]."""
+    lobes = state.shown.lobes
+    seen = lobe_images.footprint(lobes, [rows for rows, _, _ in frame.places.levels])
+    found = lobe_images.slopes(state.shown, seen, state.misfit.slope, frame.places)
+    gradient = found.double().flatten(1)
+    for prior in priors:
+        gradient = gradient + temporal.slopes(lobes, prior)[1]
+    return gradient
 
 
 def normal_equations(

@@ -34,11 +34,8 @@ EM_STEPS = 30
 BRIGHT_SHARE = 5e-4
 """Flux share from which a block is taken apart. At most 2,000 of a size can be."""
 
-SPREAD_DEG = 5.0
-"""Half the width of what GGX 0.25 shows of a point: a wider lamp looks different from a point."""
-
 WIDTH_MIN_TEXELS = 0.2
-"""Sigma of the narrowest lobe of a first frame, in texels of the map: the sun's disc at 256 rows.
+"""Sigma of the narrowest lobe, in texels of the map: the sun's disc at 256 rows.
 Texels shrink with the cosine of latitude: 0.35, for which a square texel's own standard deviation
 of 0.29 would speak, spills a third of a high sun onto its neighbours, which doubles `env`."""
 
@@ -235,6 +232,6 @@ def sharpness_from_variance(variance: Tensor, form: Form) -> Tensor:
     return corrected.clamp(min=asg.SHARPNESS_MIN, max=asg.SHARPNESS_MAX)
 
 
-def seed_lobes(source: Cells, count: int, form: Form, spread_deg: float = SPREAD_DEG) -> Lobes:
+def seed_lobes(source: Cells, count: int, form: Form, spread_deg: float) -> Lobes:
     """Return starting lobes for a map's cells.  [N, .]."""
     return expectation_maximisation(source, split(source, count, spread_deg), count, form)

@@ -17,7 +17,7 @@ from asglight.lobes import Lobes, asg
 from asglight.lobes.frames import canonical
 
 _EFFORT = {
-    Preset.LIVE: first_frame.LIVE,
+    Preset.LIVE: first_frame.FAST,
     Preset.FAST: first_frame.FAST,
     Preset.BEST: first_frame.BEST,
 }

@@ -85,14 +85,14 @@ def value(lobes: Lobes, held: Prior) -> Tensor:
     return (held.share * (delta.square().sum(-1) + CORNER**2).sqrt()).sum(-1)
 
 
-def add_curvature(hessian: Tensor, gradient: Tensor, lobes: Lobes, held: Prior) -> None:
-    """Add T's majoriser to the normal equations in place.  [F, 8 N, 8 N], [F, 8 N]."""
+def slopes(lobes: Lobes, held: Prior) -> tuple[Tensor, Tensor]:
+    """Return the diagonal of T's majoriser and T's gradient, in float64.  Two [F, 8 N]."""
     delta = displacement(lobes, held)
     weight = (held.share / (delta.square().sum(-1) + CORNER**2).sqrt())[..., None]
     unit = held.scale.clone()
     unit[..., 5:] /= concentration(lobes, held.lobes.sharpness)
-    torch.diagonal(hessian, dim1=-2, dim2=-1).add_((weight / unit.square()).double().flatten(1))
-    gradient.add_((weight * delta / unit).double().flatten(1))
+    curvature, slope = weight / unit.square(), weight * delta / unit
+    return curvature.double().flatten(1), slope.double().flatten(1)
 
 
 def is_dark(lobes: Lobes) -> Tensor:

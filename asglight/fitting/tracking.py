@@ -29,15 +29,22 @@ REACH = math.radians(3.3)
 """Sigma with which it looks for it: three of these are as far as a lit lobe may go in a frame."""
 
 
-def drawn(lobes: Lobes, frame: objective.Target, width_min: float) -> Lobes:
+def claims(lobes: Lobes, frame: objective.Target) -> Tensor:
+    """Return the share of each leaf's radiance that each lobe claims.  [F, N, P]."""
+    shown = lobe_images.images(lobes, frame.places)
+    own = shown.light.sum(-1, keepdim=True) * shown.values
+    return own / own.sum(1, keepdim=True).clamp(min=torch.finfo(own.dtype).tiny)
+
+
+def drawn(lobes: Lobes, taken: Tensor, frame: objective.Target, width_min: float) -> Lobes:
     """Take one step of expectation-maximisation.
 
     Args:
         lobes: Lobes in the exposure of the frame.  [F, N, .]
+        taken: Their `claims`.  [F, N, P]
         frame: The maps.
         width_min: Sigma of the narrowest lobe allowed, radians.
     """
-    taken = _taken(lobes, frame)
     total, moments = _moments(taken, frame)
     axes = _turned(lobes, total, moments)
     second = moments[..., 3:][..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].unflatten(-1, (3, 3))
@@ -55,7 +62,7 @@ def drawn(lobes: Lobes, frame: objective.Target, width_min: float) -> Lobes:
     return replace(moved_lobes, amplitude=amplitude)
 
 
-def found_again(lobes: Lobes, frame: objective.Target) -> Lobes | None:
+def found_again(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lobes | None:
     """Turn narrow lobes that lost their lamp to what they see with the width of `REACH`.
 
     A sun that moves by many of its widths is out of its lobe's sight, and the faint sky there would
@@ -63,13 +70,14 @@ def found_again(lobes: Lobes, frame: objective.Target) -> Lobes | None:
 
     Args:
         lobes: Lobes in the exposure of the frame.  [F, N, .]
+        taken: Their `claims`.  [F, N, P]
         frame: The maps.
 
     Returns:
         The lobes, shapes as they were, or None where no lobe lost its lamp.
     """
     own = asg.flux(lobes)
-    total, _ = _moments(_taken(lobes, frame), frame)
+    total, _ = _moments(taken, frame)
     factor = 1.0 if lobes.form is Form.SG else 2.0
     wide = torch.full_like(lobes.sharpness, 1 / (factor * REACH**2))
     lost = (total < LOST_SHARE * own.sum(-1) / (4 * math.pi)) & (lobes.sharpness > wide).all(-1)
@@ -78,15 +86,8 @@ def found_again(lobes: Lobes, frame: objective.Target) -> Lobes | None:
     seeking = replace(lobes, sharpness=torch.where(lost[..., None], wide, lobes.sharpness))
     amplitude = own / asg.integral(seeking)[..., None]
     seeking = replace(seeking, amplitude=torch.where(lost[..., None], amplitude, lobes.amplitude))
-    axes = _turned(lobes, *_moments(_taken(seeking, frame), frame))
+    axes = _turned(lobes, *_moments(claims(seeking, frame), frame))
     return replace(lobes, axes=torch.where(lost[..., None, None], axes, lobes.axes))
-
-
-def _taken(lobes: Lobes, frame: objective.Target) -> Tensor:
-    """Return the share of each leaf's radiance that each lobe claims.  [F, N, P]."""
-    shown = lobe_images.images(lobes, frame.places)
-    own = shown.light.sum(-1, keepdim=True) * shown.values
-    return own / own.sum(1, keepdim=True).clamp(min=torch.finfo(own.dtype).tiny)
 
 
 def _moments(taken: Tensor, frame: objective.Target) -> tuple[Tensor, Tensor]:

@@ -132,10 +132,11 @@ def _between(shot: Lobes, index: Tensor, frames: list[Exposed]) -> tuple[Lobes, 
         width_min=narrowest(frames[0].height),
         leash=Leash(own.axis_z, torch.cos(torch.deg2rad(room))),
     )
-    lit = light.relight(found.lobes, replace(whole, corners=LIGHT), passes=1)
+    shown = lobe_images.images(found.lobes, whole.places)
+    lit = light.relight(shown, replace(whole, corners=LIGHT), passes=1).lobes
     capped = torch.minimum(lit.amplitude, own.amplitude)
     lit = replace(lit, amplitude=torch.where(stays[..., None], capped, lit.amplitude))
-    values = objective.value(lobe_images.images(lit, whole.places).radiance, whole).tolist()
+    values = objective.value(replace(shown, lobes=lit).radiance, whole).tolist()
     fits = [
         with_flux_of(lit[k], frame, value)
         for k, (frame, value) in enumerate(zip(frames, values, strict=True))

@@ -38,7 +38,7 @@ def angle_deg(a: Tensor, b: Tensor) -> float:
 @pytest.mark.parametrize("form", list(Form))
 def test_seeding_keeps_the_flux_of_every_channel(form: Form) -> None:
     radiance = torch.rand(32, 64, 3, generator=torch.Generator().manual_seed(0)) ** 8
-    lobes = seeding.seed_lobes(seeding.cells(radiance), 15, form)
+    lobes = seeding.seed_lobes(seeding.cells(radiance), 15, form, spread_deg=4.0)
     flux = asg.flux(lobes).double().sum(0)
     torch.testing.assert_close(flux, flux_of(radiance), rtol=1e-5, atol=0)
 
@@ -66,7 +66,7 @@ def test_seeding_cells_keep_flux_and_moments_and_are_fewer_than_texels(height: i
 
 def test_seeding_gives_each_lamp_its_lobe_and_its_width() -> None:
     truth = lamps([(1, 0, 0), (0, 0.5, -1), (0, 1, 0.2)], [40.0, 200.0, 800.0], [1.0, 4.0, 9.0])
-    lobes = seeding.seed_lobes(seeding.cells(texels.texel_means(truth, 128, 256)), 3, Form.ASG)
+    lobes = seeding.seed_lobes(seeding.cells(texels.texel_means(truth, 128, 256)), 3, Form.ASG, 4.0)
     nearest = (lobes.axis_z @ truth.axis_z.mT).argmax(0)
     assert sorted(nearest.tolist()) == [0, 1, 2]
     for index, lobe in enumerate(nearest.tolist()):
@@ -114,15 +114,15 @@ def test_fit_has_the_flux_of_the_map(form: Form) -> None:
     assert abs(fit.flux_error) < 1e-4
 
 
-@pytest.mark.parametrize("scale", [1e-9, 1e-3, 1e3, 1e9])
+@pytest.mark.parametrize("scale", [2.0**-30, 2.0**-10, 2.0**10, 2.0**30])
 def test_fit_does_not_depend_on_exposure(scale: float) -> None:
     reference = sky_and_sun(20.0)
     plain = fit_first_frame(reference, 6, Form.ASG)
     scaled = fit_first_frame(reference * scale, 6, Form.ASG)
-    # rounding may turn a step aside, into another of the minima that starts and trials lead to
-    assert scaled.loss == pytest.approx(plain.loss, rel=0.15)
-    fluxes = (asg.flux(scaled.lobes) / scale).sum(0), asg.flux(plain.lobes).sum(0)
-    torch.testing.assert_close(*fluxes, rtol=1e-3, atol=0)
+    # a power of two is no reason to round: other factors turn steps aside, to another minimum
+    assert scaled.loss == plain.loss
+    torch.testing.assert_close(scaled.lobes.axes, plain.lobes.axes, rtol=0, atol=0)
+    torch.testing.assert_close(scaled.lobes.amplitude / scale, plain.lobes.amplitude)
 
 
 def test_black_map_gives_black_lobes_and_light_may_follow() -> None:

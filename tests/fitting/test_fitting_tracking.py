@@ -9,10 +9,9 @@ import torch
 from lobe_cases import DOUBLE, lamps, random_lobes
 from torch import Tensor
 
-from asglight.fitting import lobe_images, objective
+from asglight.fitting import lobe_images, objective, tracking
 from asglight.fitting.coordinates import advance
 from asglight.fitting.leaves import leaves
-from asglight.fitting.tracking import drawn, found_again
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.lobes.data import stack
 from asglight.lobes.frames import parallel_transport
@@ -33,6 +32,14 @@ def _map(scene: Lobes, height: int = 64) -> Tensor:
 
 def _target(maps: Tensor, rows: int = 64, refined: int = 0) -> objective.Target:
     return objective.target(maps, places=leaves(maps, rows, refined))
+
+
+def _drawn(lobes: Lobes, frame: objective.Target, width_min: float) -> Lobes:
+    return tracking.drawn(lobes, tracking.claims(lobes, frame), frame, width_min)
+
+
+def _found_again(lobes: Lobes, frame: objective.Target) -> Lobes | None:
+    return tracking.found_again(lobes, tracking.claims(lobes, frame), frame)
 
 
 def _angle(first: Tensor, second: tuple[float, float, float]) -> float:
@@ -78,7 +85,7 @@ def test_moments_are_those_of_a_dense_sum(form: Form) -> None:
     maps = torch.cat([3 * _map(scenes[0]), _map(scenes[1])])
     frame = _target(maps, 32, 12)
     shown = lobe_images.images(lobes, frame.places)
-    found = drawn(lobes, frame, 0.0)
+    found = _drawn(lobes, frame, 0.0)
     for index in range(2):
         directions, share, radiance = _leaves_of(maps, frame, index)
         own = (shown.light.sum(-1)[..., None] * shown.values)[index].double()
@@ -126,7 +133,7 @@ def test_lobes_that_cover_the_sphere_take_the_flux_of_the_map(form: Form) -> Non
     )[None]
     maps = torch.rand(1, 3, 2 * 64**2, generator=torch.Generator().manual_seed(1)) ** 4
     area = latlong.texel_solid_angles(64, 128, dtype=DOUBLE).reshape(-1)
-    found = asg.flux(drawn(lobes, _target(maps, 16, 8), 0.0)).sum(1)
+    found = asg.flux(_drawn(lobes, _target(maps, 16, 8), 0.0)).sum(1)
     # float32 sums
     torch.testing.assert_close(found.double(), (maps.double() * area).sum(-1), rtol=1e-5, atol=0)
 
@@ -138,7 +145,7 @@ def test_a_lobe_reaches_a_lamp_that_moved_by_eight_degrees(form: Form) -> None:
     after = lamps([_around(0, 28.0), _around(50)], sharpness, [100.0, 100.0])
     before = replace(before, form=form)
     assert _angle(before.axis_z[0], _around(0, 28.0)) == pytest.approx(8.0, abs=1e-3)
-    found = drawn(before[None], _target(_map(after)), 0.0)[0]
+    found = _drawn(before[None], _target(_map(after)), 0.0)[0]
     # the means of a lobe and its texels lie as close as the lobes' tails on each other's lamps
     assert _angle(found.axis_z[0], _around(0, 28.0)) < 0.1
     assert _angle(found.axis_z[1], _around(50)) < 0.1
@@ -150,7 +157,7 @@ def test_a_lobe_reaches_a_lamp_that_moved_by_eight_degrees(form: Form) -> None:
 def test_a_lobe_reaches_its_lamp_before_a_faint_sky() -> None:
     before = lamps([(0.0, 1.0, 0.0), _around(0)], [0.5, 200.0], [0.01, 100.0])
     after = lamps([(0.0, 1.0, 0.0), _around(8)], [0.5, 200.0], [0.01, 100.0])
-    found = drawn(before[None], _target(_map(after)), 0.0)[0]
+    found = _drawn(before[None], _target(_map(after)), 0.0)[0]
     # at eight degrees the lamp's lobe still sends ten times what the sky does
     assert _angle(found.axis_z[1], _around(8)) < 1.0
 
@@ -161,8 +168,8 @@ def test_a_sun_that_left_its_lobes_sight_is_found_again() -> None:
     after = replace(before, axes=lamps([(0.0, 1.0, 0.0), _around(7)], sky[1], [1, 1]).axes)
     frame = _target(_map(after, 128), 64, 32)
     # by itself the step leaves the sun to the sky
-    assert _angle(drawn(before[None], frame, 0.0)[0].axis_z[1], _around(0)) < 1.0
-    found = found_again(before[None], frame)
+    assert _angle(_drawn(before[None], frame, 0.0)[0].axis_z[1], _around(0)) < 1.0
+    found = _found_again(before[None], frame)
     assert found is not None
     assert _angle(found[0].axis_z[1], _around(7)) < 0.7  # half of a texel of 1.4 degrees
     torch.testing.assert_close(found[0].sharpness, before.sharpness, rtol=0, atol=0)
@@ -173,14 +180,14 @@ def test_a_sun_that_left_its_lobes_sight_is_found_again() -> None:
 @pytest.mark.parametrize("form", list(Form))
 def test_nothing_is_looked_for_where_no_lobe_lost_its_lamp(form: Form) -> None:
     scene = _narrow(form, 3)
-    assert found_again(scene[None], _target(_map(scene))) is None
+    assert _found_again(scene[None], _target(_map(scene))) is None
 
 
 @pytest.mark.parametrize("shift", [-4.0, 4.0])
 def test_two_lamps_keep_two_lobes(shift: float) -> None:
     before = lamps([_around(0), _around(20)], [800.0, 800.0], [50.0, 100.0])
     after = lamps([_around(shift), _around(20 + shift)], [800.0, 800.0], [50.0, 100.0])
-    found = drawn(before[None], _target(_map(after, 128), 64, 32), 0.0)[0]
+    found = _drawn(before[None], _target(_map(after, 128), 64, 32), 0.0)[0]
     for lobe, place in ((0, shift), (1, 20 + shift)):
         # half of a texel of 1.4 degrees, which is all that a map can tell
         assert _angle(found.axis_z[lobe], _around(place)) < 0.7
@@ -195,10 +202,10 @@ def test_no_lobe_gets_narrower_than_allowed(form: Form) -> None:
     maps[:, :, 20 * 128 + 40] = 100.0
     place = latlong.directions(64, 128, dtype=torch.float32).reshape(-1, 3)[20 * 128 + 40]
     start = replace(lamps([tuple(place.tolist())], [30.0], [1.0]), form=form)[None]
-    found = drawn(start, _target(maps, 16, 4), 0.05)
+    found = _drawn(start, _target(maps, 16, 4), 0.05)
     # all of the flux lies in one texel: the narrowest there is, but for the correction for breadth
     assert float(texels.lobe_width(found)) == pytest.approx(0.05, rel=2e-3)
-    free = drawn(start, _target(maps, 16, 4), 0.0)
+    free = _drawn(start, _target(maps, 16, 4), 0.0)
     assert float(texels.lobe_width(free)) < 0.05
     for lobes in (found, free):
         assert _angle(lobes.axis_z[0, 0], tuple(place.tolist())) < 0.05  # float32
@@ -208,7 +215,7 @@ def test_no_lobe_gets_narrower_than_allowed(form: Form) -> None:
 @pytest.mark.parametrize("form", list(Form))
 def test_a_black_map_leaves_lobes_in_place_and_dark(form: Form) -> None:
     lobes = _narrow(form, 0)[None]
-    found = drawn(lobes, _target(torch.zeros(1, 3, 2 * 64**2), 16, 4), 0.01)
+    found = _drawn(lobes, _target(torch.zeros(1, 3, 2 * 64**2), 16, 4), 0.01)
     assert torch.equal(found.axes, lobes.axes)
     assert torch.equal(found.sharpness, lobes.sharpness)
     assert torch.equal(found.amplitude, torch.zeros_like(lobes.amplitude))
@@ -220,7 +227,7 @@ def test_a_lobe_that_takes_nothing_stays_in_place(form: Form) -> None:
     amplitude = lobes.amplitude.clone()
     amplitude[2] = 0
     lobes = replace(lobes, amplitude=amplitude)[None]
-    found = drawn(lobes, _target(_map(_narrow(Form.ASG, 1)), 16, 4), 0.01)
+    found = _drawn(lobes, _target(_map(_narrow(Form.ASG, 1)), 16, 4), 0.01)
     assert torch.equal(found.axes[0, 2], lobes.axes[0, 2])
     assert torch.equal(found.sharpness[0, 2], lobes.sharpness[0, 2])
     assert torch.equal(found.amplitude[0, 2], torch.zeros(3))
@@ -231,10 +238,10 @@ def test_a_lobe_that_takes_nothing_stays_in_place(form: Form) -> None:
 def test_frames_of_a_batch_do_not_see_each_other(form: Form) -> None:
     maps = torch.cat([_map(_narrow(form, 1)), 40 * _map(_narrow(form, 2))])
     lobes = stack([_narrow(form, 0), _narrow(form, 3)])
-    both = drawn(lobes, _target(maps, 32, 8), 0.01)
+    both = _drawn(lobes, _target(maps, 32, 8), 0.01)
     for index in range(2):
         one = slice(index, index + 1)
-        alone = drawn(lobes[one], _target(maps[one], 32, 8), 0.01)
+        alone = _drawn(lobes[one], _target(maps[one], 32, 8), 0.01)
         # float32 sums in another order; a nearly round lobe's x is known to the root of that
         axes = both.axis_z[one]
         torch.testing.assert_close(axes, alone.axis_z, rtol=0, atol=1e-5)
@@ -252,7 +259,7 @@ def test_any_lobes_and_maps_give_finite_ones(form: Form, exposure: float) -> Non
     light = pairs[:, None, 2:] * torch.tensor([[1.0], [0.3]])
     lobes = Lobes(axes, sharpness.expand(-1, 2, 2), light.expand(-1, 2, 3), form)
     maps = exposure * torch.rand(1, 3, 2 * 32**2, generator=torch.Generator().manual_seed(0)) ** 4
-    found = drawn(lobes, _target(maps, 16, 4).repeated(len(pairs)), 0.005)
+    found = _drawn(lobes, _target(maps, 16, 4).repeated(len(pairs)), 0.005)
     for tensor in (found.axes, found.sharpness, found.amplitude):
         assert bool(tensor.isfinite().all())
     identity = torch.eye(3).expand(*found.axes.shape)
