@@ -73,6 +73,7 @@ def zenith_chromaticity(turbidity: float, sun_zenith: float) -> tuple[float, flo
     """Return CIE 1931 (x, y) of the zenith; arguments as `zenith_luminance`."""
 
     def polynomial(rows: tuple[tuple[float, ...], ...]) -> float:
+        """Return the polynomial in turbidity and zenith angle that has these coefficients."""
         t_powers = (turbidity**2, turbidity, 1.0)
         angle_powers = (sun_zenith**3, sun_zenith**2, sun_zenith, 1.0)
         return sum(

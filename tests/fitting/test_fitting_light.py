@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 import torch
-from lobe_cases import DOUBLE, lamps, random_lobes
+from lobe_cases import DOUBLE, flat, lamps, random_lobes, shown, target
 from torch import Tensor
 
 from asglight.fitting import light, lobe_images, objective, probes
@@ -17,16 +17,6 @@ from asglight.fitting.leaves import leaves
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 from asglight.sphere import latlong
-
-
-def _flat(maps: Tensor) -> Tensor:
-    """Go to channels first.  [F, H, W, 3] -> [F, 3, P]."""
-    return maps.flatten(1, 2).mT.contiguous()
-
-
-def _shown(lobes: Lobes, height: int) -> objective.Target:
-    """Return the target of one frame's lobes, averaged over texels."""
-    return objective.target(_flat(texels.texel_means(lobes, height, 2 * height).float()[None]))
 
 
 def _loss(lobes: Lobes, frame: objective.Target) -> float:
@@ -109,8 +99,7 @@ def test_relight_solves_the_reweighted_problem_as_scipy_does(
             replace(one, amplitude=2 * one.amplitude).to(DOUBLE) for one in (lobes[0], lobes[1])
         ]
     maps = torch.stack([texels.texel_means(scene, height, 2 * height) for scene in scenes])
-    flat = _flat(maps.float())
-    frame = objective.target(flat, places=leaves(flat, rows, refined))
+    frame = target(flat(maps.float()), rows, refined)
     found = relit(lobes, frame, passes=1)
     assert found.amplitude.dtype == torch.float32
     assert torch.equal(found.axes, lobes.axes)
@@ -123,7 +112,7 @@ def test_relight_solves_the_reweighted_problem_as_scipy_does(
 
 def test_relight_shares_a_change_evenly_between_lobes_that_coincide() -> None:
     lamp = lamps([(1.0, 0.2, 0.0)] * 2 + [(0.0, 1.0, 0.0)], [50.0, 50.0, 2.0], [3.0, 1.0, 1.0])
-    brighter = _flat(2 * texels.texel_means(lamp, 32, 64)[None])
+    brighter = flat(2 * texels.texel_means(lamp, 32, 64)[None])
     amplitude = relit(lamp[None], objective.target(brighter)).amplitude[0]
     expected = torch.tensor([5.0, 3.0, 2.0])[:, None].expand(-1, 3)  # 3 + 1 became 8
     # a footprint's image is a percent off a texel mean at the peak of the lobes two texels wide
@@ -135,7 +124,7 @@ def test_relight_shares_a_change_evenly_between_lobes_that_coincide() -> None:
 def test_relight_never_raises_the_loss() -> None:
     lobes = random_lobes(Form.ASG).to(torch.float32)[None]
     maps = torch.rand(1, 3, 2 * 64**2, generator=torch.Generator().manual_seed(0))
-    frame = objective.target(maps, places=leaves(maps, 16, 8))
+    frame = target(maps, 16, 8)
     values = [_loss(relit(lobes, frame, passes), frame) for passes in range(5)]
     # a minimum of the majoriser, to the rounding of J
     assert all(b <= a + 1e-5 for a, b in itertools.pairwise(values))
@@ -156,7 +145,7 @@ def test_relight_finds_known_light_again_from_black() -> None:
 def test_relight_leaves_a_lobe_dark_where_the_map_is() -> None:
     truth = lamps([(0.0, 1.0, 0.2), (1.0, -0.3, 0.0)], [40.0, 40.0], [2.0, 0.0])
     lit = replace(truth, amplitude=torch.ones(2, 3))[None]
-    amplitude = relit(lit, _shown(truth, 32)).amplitude[0]
+    amplitude = relit(lit, shown(truth, 32)).amplitude[0]
     assert float(amplitude.min()) >= 0.0
     # the reference is of means, the image a footprint: its ring would take a little of either sign
     torch.testing.assert_close(amplitude, truth.amplitude, rtol=1e-2, atol=1e-3)
@@ -167,10 +156,10 @@ def test_frames_of_a_batch_do_not_see_each_other(form: Form) -> None:
     lobes = stack([random_lobes(form), random_lobes(form, seed=3)]).to(torch.float32)
     maps = torch.rand(2, 3, 2 * 64**2, generator=torch.Generator().manual_seed(0)) ** 4
     maps = maps * torch.tensor([1.0, 50.0])[:, None, None]
-    both = relit(lobes, objective.target(maps, places=leaves(maps, 16, 8))).amplitude
+    both = relit(lobes, target(maps, 16, 8)).amplitude
     for index in range(2):
         one = slice(index, index + 1)
-        frame = objective.target(maps[one], places=leaves(maps[one], 16, 8))
+        frame = target(maps[one], 16, 8)
         alone = relit(lobes[one], frame).amplitude
         # float32 sums in another order, times the condition of the normal equations
         torch.testing.assert_close(both[one], alone, rtol=1e-3, atol=1e-4)
@@ -186,7 +175,7 @@ def test_light_of_any_lobes_is_finite(form: Form) -> None:
     exposures = torch.tensor([1e-6, 1e-6, 1e9, 1e9, 0.0, 0.0])
     maps = torch.rand(1, 3, 2 * 32**2, generator=torch.Generator().manual_seed(0))
     maps = maps * exposures[:, None, None]
-    found = relit(lobes, objective.target(maps, places=leaves(maps, 16, 4))).amplitude
+    found = relit(lobes, target(maps, 16, 4)).amplitude
     assert bool(found.isfinite().all())
     assert float(found.min()) >= 0.0
     assert math.isfinite(float(found.sum()))

@@ -68,12 +68,6 @@ def _means(lobes: Lobes, rows: int) -> torch.Tensor:
     return latlong.reduce(fine.mT.reshape(8 * rows, 16 * rows, -1), rows, 2 * rows).flatten(0, 1).mT
 
 
-def _tangent(rows: int) -> torch.Tensor:
-    """Return tan(latitude) of each texel's centre, absolute.  [P]."""
-    y = latlong.directions(rows, 2 * rows, dtype=DOUBLE).reshape(-1, 3)[:, 1]
-    return y.abs() / (1 - y * y).sqrt()
-
-
 def _centroid_bound(rows: int, sigma: float) -> torch.Tensor:
     """Bound the error of values of lobes of so many texels.  [P].
 
@@ -82,7 +76,9 @@ def _centroid_bound(rows: int, sigma: float) -> torch.Tensor:
     The first term left out of the expansion in the texel's size is of order sigma^-4 / 100.
     """
     side = math.pi / rows
-    return side * (1 + _tangent(rows)) / (12 * sigma) + 0.01 / sigma**4
+    y = latlong.directions(rows, 2 * rows, dtype=DOUBLE).reshape(-1, 3)[:, 1]
+    tangent = y.abs() / (1 - y * y).sqrt()
+    return side * (1 + tangent) / (12 * sigma) + 0.01 / sigma**4
 
 
 @pytest.mark.parametrize("form", list(Form))
@@ -239,15 +235,12 @@ def _differences(lobes: Lobes, rows: int, directions: torch.Tensor) -> torch.Ten
         move[:, unknown] = step
         ways = [coordinates.advance(lobes, way) for way in (move, -move)]
         ahead, behind = (
-            _brightness(moved, lobes) * _seen(moved, lobes, rows, directions) for moved in ways
+            # the amplitude comes with a lobe's shape
+            moved.amplitude[:, :1] / lobes.amplitude[:, :1] * _seen(moved, lobes, rows, directions)
+            for moved in ways
         )
         found.append((ahead - behind) / (2 * step))
     return torch.stack(found, dim=1)
-
-
-def _brightness(moved: Lobes, lobes: Lobes) -> torch.Tensor:
-    """Return the amplitude that came with a lobe's shape, of what it was.  [N, 1]."""
-    return moved.amplitude[:, :1] / lobes.amplitude[:, :1]
 
 
 def _monomials(directions: torch.Tensor) -> torch.Tensor:
@@ -309,7 +302,8 @@ def test_columns_are_differences_of_texel_means(form: Form, sigma: float) -> Non
         move = torch.zeros(3, UNKNOWNS, dtype=DOUBLE)
         move[:, unknown] = step
         ways = [coordinates.advance(lobes, way) for way in (move, -move)]
-        ahead, behind = (_brightness(moved, lobes) * _means(moved, 64) for moved in ways)
+        before = lobes.amplitude[:, :1]
+        ahead, behind = (moved.amplitude[:, :1] / before * _means(moved, 64) for moved in ways)
         expected = (ahead - behind) / (2 * step)
         scale = expected.abs().amax(-1, keepdim=True)
         # as for the values at 32 degrees, as high as any of PLACES, and twice for a derivative

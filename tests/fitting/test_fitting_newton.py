@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from lobe_cases import DOUBLE, lamps, random_lobes
+from lobe_cases import DOUBLE, flat, lamps, noise, random_lobes, shown, target
 from torch import Tensor
 
 from asglight.fitting import leaves as leaves_module
@@ -19,26 +19,6 @@ from asglight.fitting.probes import probe
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 from asglight.sphere import latlong
-
-
-def _flat(maps: Tensor) -> Tensor:
-    """Go to channels first.  [F, H, W, 3] -> [F, 3, P]."""
-    return maps.flatten(1, 2).mT.contiguous()
-
-
-def _noise(height: int = 32, count: int = 1) -> Tensor:
-    """Return maps of noise with a few bright texels.  [F, 3, P]."""
-    generator = torch.Generator().manual_seed(0)
-    return _flat(5 * torch.rand(count, height, 2 * height, 3, generator=generator) ** 4)
-
-
-def _target(maps: Tensor, rows: int = 64, refined: int = 0) -> objective.Target:
-    return objective.target(maps, places=leaves(maps, rows, refined))
-
-
-def _shown(lobes: Lobes, height: int) -> objective.Target:
-    """Return the target of one frame's lobes, averaged over texels."""
-    return objective.target(_flat(texels.texel_means(lobes, height, 2 * height).float()[None]))
 
 
 def _alike(form: Form, count: int = 5, seeds: tuple[int, ...] = (0,)) -> Lobes:
@@ -99,7 +79,7 @@ def _differences(lobes: Lobes, frame: objective.Target) -> Tensor:
 @pytest.mark.usefixtures("double")
 def test_gradient_is_that_of_the_loss(form: Form) -> None:
     lobes = random_lobes(form)[None]
-    frame = objective.target(_flat(texels.texel_means(random_lobes(form, seed=1), 32, 64)[None]))
+    frame = objective.target(flat(texels.texel_means(random_lobes(form, seed=1), 32, 64)[None]))
     # the footprint is held: for a lobe 1.3 cells wide (1 / 1.3)^2 / 12 of the width's slope, times
     # how much a cell narrows on the way
     torch.testing.assert_close(
@@ -117,7 +97,7 @@ def test_gradient_of_narrow_lobes_on_texels_is_that_of_the_loss(form: Form) -> N
     lobes = Lobes(narrow.axes, sharpness, 20 * narrow.amplitude, form)
     near = advance(lobes, torch.full((2, UNKNOWNS), 0.005, dtype=DOUBLE))
     brighter = replace(near, amplitude=1.3 * near.amplitude)
-    frame = _target(_flat(texels.texel_means(brighter, 128, 256)[None]), 64, 64)
+    frame = target(flat(texels.texel_means(brighter, 128, 256)[None]), 64, 64)
     # slopes of up to 8; the footprint is held
     torch.testing.assert_close(
         _gradient(lobes[None], frame), _differences(lobes[None], frame), rtol=2e-3, atol=1e-2
@@ -125,7 +105,7 @@ def test_gradient_of_narrow_lobes_on_texels_is_that_of_the_loss(form: Form) -> N
 
 
 def test_gauss_newton_matrix_is_symmetric_and_positive() -> None:
-    hessian, _ = _equations(_alike(Form.ASG, seeds=(0, 4)), _target(_noise(64, 2), 32, 8))
+    hessian, _ = _equations(_alike(Form.ASG, seeds=(0, 4)), target(noise(64, 2), 32, 8))
     torch.testing.assert_close(hessian, hessian.mT, rtol=1e-4, atol=1e-6)  # float32 sums
     values = torch.linalg.eigvalsh((hessian + hessian.mT) / 2)
     assert bool((values.amin(-1) > -1e-5 * values.amax(-1)).all())  # float32 sums
@@ -182,12 +162,12 @@ def _off_by(found: Tensor, expected: Tensor) -> float:
 @pytest.mark.parametrize("case", [(24, 24, 0), (64, 64, 0), (128, 64, 16)])
 def test_matrix_is_the_dense_sum_over_its_cells(form: Form, case: tuple[int, int, int]) -> None:
     height, rows, refined = case
-    lobes, maps = _alike(form, seeds=(2, 5)), _noise(height, 2)
+    lobes, maps = _alike(form, seeds=(2, 5)), noise(height, 2)
     if refined:  # narrow ones, where there are texels
         lobes = replace(lobes, sharpness=300 * lobes.sharpness)
         means = [texels.texel_means(lobes[one], height, 2 * height) for one in (0, 1)]
-        maps = maps + 10 * _flat(torch.stack(means))
-    frame = _target(maps, rows, refined)
+        maps = maps + 10 * flat(torch.stack(means))
+    frame = target(maps, rows, refined)
     expected = _dense_matrix(lobes.to(DOUBLE), frame, coarser(rows, newton.CURVATURE_ROWS))
     # float32 sums over thousands of cells; exponents as large as the sharpness of narrow lobes
     assert _off_by(_equations(lobes, frame)[0], expected) < (2e-3 if refined else 2e-5)
@@ -195,7 +175,7 @@ def test_matrix_is_the_dense_sum_over_its_cells(form: Form, case: tuple[int, int
 
 @pytest.mark.parametrize("form", list(Form))
 def test_matrix_of_wide_lobes_is_the_one_summed_over_every_leaf(form: Form) -> None:
-    lobes, frame = _alike(form, seeds=(2,)), _target(_noise(128), 64, 16)
+    lobes, frame = _alike(form, seeds=(2,)), target(noise(128), 64, 16)
     wide = texels.lobe_width(lobes[0]) >= 1.5 * math.pi / newton.CURVATURE_ROWS
     lobes = lobes.select(wide)
     assert lobes.count >= 3
@@ -225,7 +205,7 @@ def test_minimise_finds_known_lobes_again() -> None:
 
 
 def test_minimise_finds_lobes_again_from_their_texel_means() -> None:
-    found = _found_again(KNOWN, _shown(KNOWN, 128))
+    found = _found_again(KNOWN, shown(KNOWN, 128))
     assert float((found.axis_z * KNOWN.axis_z).sum(-1).min()) > 1 - 1e-6  # 0.08 degrees
     # a leaf's footprint is its second moment: the fourth is left, (cell / sigma)^4 / 240 at 1.5
     torch.testing.assert_close(found.sharpness, KNOWN.sharpness, rtol=5e-3, atol=5e-3)
@@ -233,14 +213,14 @@ def test_minimise_finds_lobes_again_from_their_texel_means() -> None:
 
 
 def test_minimise_never_raises_the_loss_of_a_frame() -> None:
-    lobes, frame = _alike(Form.ASG, seeds=(0, 1, 10)), _target(_noise(64, 3), 32, 8)
+    lobes, frame = _alike(Form.ASG, seeds=(0, 1, 10)), target(noise(64, 3), 32, 8)
     values = [newton.minimise(lobes, frame, steps, tolerance=0.0).value for steps in range(6)]
     assert all(bool((b <= a).all()) for a, b in itertools.pairwise(values))
     assert bool((values[-1] < 0.9 * values[0]).all())
 
 
 def test_minimise_reports_the_loss_of_the_lobes_it_returns() -> None:
-    lobes, frame = _alike(Form.SG, seeds=(0, 1)), _target(_noise(32, 2))
+    lobes, frame = _alike(Form.SG, seeds=(0, 1)), target(noise(32, 2))
     held = temporal.prior(lobes, gamma=0.3)
     alone = newton.minimise(lobes, frame, 3)
     # the same sums
@@ -251,7 +231,7 @@ def test_minimise_reports_the_loss_of_the_lobes_it_returns() -> None:
 
 
 def test_minimise_counts_steps_tried_and_tells_of_each() -> None:
-    lobes, frame = _alike(Form.ASG, seeds=(59,)), _target(_noise())
+    lobes, frame = _alike(Form.ASG, seeds=(59,)), target(noise())
     seen: list[Lobes] = []
     found = newton.minimise(lobes, frame, 4, damping=1e-6, tolerance=0.0, on_step=seen.append)
     assert len(seen) == 4
@@ -263,7 +243,7 @@ def test_minimise_counts_steps_tried_and_tells_of_each() -> None:
 
 
 def test_minimise_stops_when_no_frame_gains_any_more() -> None:
-    frame = _target(_noise(32, 2))
+    frame = target(noise(32, 2))
     start = newton.minimise(_alike(Form.ASG, seeds=(0, 3)), frame, 5)
     # no step from here halves J, so that the first that lowers both is the last
     seen: list[Lobes] = []
@@ -274,7 +254,7 @@ def test_minimise_stops_when_no_frame_gains_any_more() -> None:
 
 
 def test_steps_that_keep_the_matrix_have_a_gradient_of_their_own() -> None:
-    frame = _target(_noise(32, 2))
+    frame = target(noise(32, 2))
     start = newton.minimise(_alike(Form.ASG, seeds=(0, 3)), frame, 5)
     values = {
         matrices: newton.minimise(start.lobes, frame, 8, matrices=matrices, tolerance=0.0).value
@@ -291,7 +271,7 @@ def test_steps_that_keep_the_matrix_have_a_gradient_of_their_own() -> None:
 def test_minimise_leaves_light_at_zero_where_the_map_wants_none() -> None:
     truth = lamps([(0, 1, 0.2), (1, 0.2, 0)], [3.0, 3.0], [1.0, 0.0])
     start = replace(truth, amplitude=truth.amplitude + torch.tensor([[-0.5], [0.0]]))
-    found = newton.minimise(start[None], _shown(truth, 32), 20, tolerance=1e-6).lobes[0]
+    found = newton.minimise(start[None], shown(truth, 32), 20, tolerance=1e-6).lobes[0]
     torch.testing.assert_close(found.amplitude[1], torch.zeros(3), rtol=0, atol=1e-3)
     # the wrong light of the other is lost at the corner of its bound: a percent
     torch.testing.assert_close(found.amplitude[0], torch.ones(3), rtol=1e-2, atol=0)
@@ -301,7 +281,7 @@ def test_minimise_leaves_light_at_zero_where_the_map_wants_none() -> None:
 def test_a_dark_lobe_that_the_map_does_not_want_leaves_the_step_to_the_others() -> None:
     both = lamps([(0, 1, 0.2), (0.2, 1, 0.2)], [9.0, 20.0], [1.5, 0.0])[None]
     alone = both.select(torch.tensor([0]))
-    frame = _shown(lamps([(0, 1, 0.2)], [9.0], [1.0]), 32)
+    frame = shown(lamps([(0, 1, 0.2)], [9.0], [1.0]), 32)
     stepped = newton.minimise(both, frame, 1).lobes
     expected = newton.minimise(alone, frame, 1).lobes
     assert float(expected.amplitude.max()) < 1.4
@@ -313,7 +293,7 @@ def test_a_dark_lobe_that_the_map_does_not_want_leaves_the_step_to_the_others() 
 
 @pytest.mark.parametrize("form", [Form.ASG, Form.SG])
 def test_minimise_keeps_to_the_narrowest_width_allowed(form: Form) -> None:
-    frame = _shown(replace(lamps([(1, 0.2, 0)], [400.0], [50.0]), form=form), 64)
+    frame = shown(replace(lamps([(1, 0.2, 0)], [400.0], [50.0]), form=form), 64)
     start = replace(lamps([(1, 0.2, 0)], [20.0], [5.0]), form=form)[None]
     free = newton.minimise(start, frame, 20).lobes
     held = newton.minimise(start, frame, 20, width_min=0.07).lobes
@@ -325,19 +305,19 @@ def test_minimise_keeps_to_the_narrowest_width_allowed(form: Form) -> None:
 
 def _pair() -> tuple[Lobes, objective.Target]:
     """Return two frames' lobes and maps; with little damping the first's first step fails."""
-    maps = torch.cat([_noise(), _flat(texels.texel_means(KNOWN, 32, 64)[None])])
+    maps = torch.cat([noise(), flat(texels.texel_means(KNOWN, 32, 64)[None])])
     return _alike(Form.ASG, seeds=(59, 11)), objective.target(maps)
 
 
 @pytest.mark.parametrize("form", list(Form))
 def test_frames_of_a_batch_do_not_see_each_other(form: Form) -> None:
-    maps = _noise(64, 2) * torch.tensor([1.0, 30.0])[:, None, None]
-    lobes, frame = _alike(form, seeds=(0, 6)), _target(maps, 32, 8)
+    maps = noise(64, 2) * torch.tensor([1.0, 30.0])[:, None, None]
+    lobes, frame = _alike(form, seeds=(0, 6)), target(maps, 32, 8)
     held = temporal.prior(lobes)
     both = newton.minimise(lobes, frame, 4, priors=[held], tolerance=0.0)
     for index in range(2):
         one = lobes[index : index + 1]
-        single = _target(maps[index : index + 1], 32, 8)
+        single = target(maps[index : index + 1], 32, 8)
         alone = newton.minimise(one, single, 4, priors=[temporal.prior(one)], tolerance=0.0)
         # float32 sums in another order, grown by four steps
         torch.testing.assert_close(both.value[index], alone.value[0], rtol=1e-3, atol=0)
@@ -395,7 +375,7 @@ def _tensors(state: newton._State) -> tuple[Tensor, ...]:
 
 @pytest.mark.parametrize("form", list(Form))
 def test_each_frame_is_chosen_whole_from_one_state_or_the_other(form: Form) -> None:
-    frame = _target(_noise(32, 3), 16, 4)
+    frame = target(noise(32, 3), 16, 4)
     tried = newton._judged(_alike(form, seeds=(0, 1, 2)), frame, ())
     before = newton._judged(_alike(form, seeds=(3, 4, 5)), frame, ())
     chosen = newton._chosen(torch.tensor([True, False, True]), tried, before)

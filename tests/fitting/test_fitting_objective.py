@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from lobe_cases import DOUBLE
+from lobe_cases import DOUBLE, flat
 from torch import Tensor
 
 from asglight.fitting import objective, probes
@@ -26,17 +26,12 @@ def _maps(height: int, seed: int = 0, count: int = 2) -> Tensor:
     return 5 * torch.rand(count, height, 2 * height, 3, generator=generator) ** 4
 
 
-def _flat(maps: Tensor) -> Tensor:
-    """Go to channels first.  [F, H, W, 3] -> [F, 3, P]."""
-    return maps.flatten(1, 2).mT.contiguous()
-
-
 def _example(case: tuple[int, int, int]) -> tuple[Tensor, Leaves, Tensor]:
     """Return two maps, their leaves, and reconstructions on the leaves."""
     height, rows, refined = case
     maps = _maps(height)
-    places = leaves(_flat(maps), rows, refined)
-    return maps, places, 1.2 * on_leaves(_flat(_maps(height, seed=1)), places)
+    places = leaves(flat(maps), rows, refined)
+    return maps, places, 1.2 * on_leaves(flat(_maps(height, seed=1)), places)
 
 
 def _corner(source: probes.Probe) -> float:
@@ -112,7 +107,7 @@ def _loss_by_definition(fit: Tensor, ref: Tensor, rows: int, refined: list[int])
 @pytest.mark.parametrize("case", CASES)
 def test_value_and_slope_are_those_of_the_definition(case: tuple[int, int, int]) -> None:
     maps, places, fit = _example(case)
-    frame = objective.target(_flat(maps), CORNERS, places)
+    frame = objective.target(flat(maps), CORNERS, places)
     value, found = objective.value(fit, frame), objective.misfit(fit, frame)
     # a split that sums in another order: float32
     torch.testing.assert_close(found.value, value, rtol=1e-5, atol=0)
@@ -131,7 +126,7 @@ def test_value_and_slope_are_those_of_the_definition(case: tuple[int, int, int])
 
 def test_a_refined_cell_has_no_say_of_its_own() -> None:
     maps, places, fit = _example((64, 16, 5))
-    frame = objective.target(_flat(maps), CORNERS, places)
+    frame = objective.target(flat(maps), CORNERS, places)
     other = fit.scatter(-1, places.refined[:, None].expand(-1, 3, -1), 1e3)
     assert torch.equal(objective.value(other, frame), objective.value(fit, frame))
     slope = objective.misfit(other, frame).slope
@@ -158,7 +153,7 @@ def _majoriser(away: Tensor, misfit: objective.Misfit, places: Leaves) -> Tensor
 @pytest.mark.parametrize("case", [(32, 32, 0), (64, 16, 5)])
 def test_weights_make_a_quadratic_that_lies_above_the_loss(case: tuple[int, int, int]) -> None:
     maps, places, fit = _example(case)
-    frame = objective.target(_flat(maps), places=places)
+    frame = objective.target(flat(maps), places=places)
     misfit, start = objective.misfit(fit, frame), objective.value(fit, frame)
     noise = torch.randn(fit.shape, generator=torch.Generator().manual_seed(2))
     ref = frame.radiance
@@ -172,7 +167,7 @@ def test_weights_make_a_quadratic_that_lies_above_the_loss(case: tuple[int, int,
 def test_quadratic_touches_the_loss_where_the_error_is_and_at_its_mirror_image() -> None:
     # without parts, whose errors differ from the cell's
     maps, places, fit = _example((32, 32, 0))
-    frame = objective.target(_flat(maps), places=places)
+    frame = objective.target(flat(maps), places=places)
     misfit, start = objective.misfit(fit, frame), objective.value(fit, frame)
     # phi is even, and so is its majoriser: at minus the error both are what they were
     mirrored = 2 * (frame.radiance - fit)
@@ -184,7 +179,7 @@ def test_quadratic_touches_the_loss_where_the_error_is_and_at_its_mirror_image()
 @pytest.mark.parametrize("case", [(32, 32, 0), (64, 16, 5)])
 def test_quadratic_and_loss_agree_near_the_error(case: tuple[int, int, int]) -> None:
     maps, places, fit = _example(case)
-    frame = objective.target(_flat(maps), places=places)
+    frame = objective.target(flat(maps), places=places)
     near = 1e-2 * (frame.radiance - fit)
     change = objective.value(fit + near, frame) - objective.value(fit, frame)
     above = _majoriser(near, objective.misfit(fit, frame), places)
@@ -201,8 +196,8 @@ def _flat_over_cells(case: tuple[int, int, int]) -> tuple[objective.Target, Leav
     for index, cell in enumerate(range(7, 7 + 90 * refined, 90)):
         row, column = _block(cell + index, rows, height)
         maps[:, row, column] += detail[:, row, column]
-    places = leaves(_flat(maps), rows, refined)
-    return objective.target(_flat(maps), CORNERS, places), places
+    places = leaves(flat(maps), rows, refined)
+    return objective.target(flat(maps), CORNERS, places), places
 
 
 @pytest.mark.parametrize("case", [(32, 32, 0), (64, 16, 5)])
@@ -222,7 +217,7 @@ def test_perfect_fit_has_no_loss_no_slope_and_finite_weights(case: tuple[int, in
 
 def test_black_has_all_of_the_loss() -> None:
     maps = torch.rand(2, 32, 64, 3, generator=torch.Generator().manual_seed(0))
-    frame = objective.target(_flat(maps))
+    frame = objective.target(flat(maps))
     black = objective.value(torch.zeros(2, 3, 32 * 64), frame)
     most = objective.ENV_WEIGHT + sum(source.weight for source in PROBES)
     # less the rounded corners: 2 of the even probe's 10 and a tenth of the map's
@@ -232,9 +227,9 @@ def test_black_has_all_of_the_loss() -> None:
 
 def test_loss_does_not_depend_on_the_exposure() -> None:
     maps, places, fit = _example((64, 16, 5))
-    value = objective.value(fit, objective.target(_flat(maps), places=places))
+    value = objective.value(fit, objective.target(flat(maps), places=places))
     for exposure in (1e-6, 1e6):
-        frame = objective.target(exposure * _flat(maps), places=places)
+        frame = objective.target(exposure * flat(maps), places=places)
         brighter = objective.value(exposure * fit, frame)
         torch.testing.assert_close(brighter, value, rtol=1e-5, atol=0)  # float32
 
@@ -258,15 +253,15 @@ def test_black_maps_have_a_finite_loss() -> None:
 def test_frames_of_a_batch_do_not_see_each_other() -> None:
     maps, _, _ = _example((64, 16, 5))
     maps = torch.stack([maps[0], 1e3 * maps[1]])
-    places = leaves(_flat(maps), 16, 5)
+    places = leaves(flat(maps), 16, 5)
     assert not torch.equal(places.refined[0], places.refined[1])
-    fit = on_leaves(_flat(_maps(64, seed=1)), places)
-    both = objective.misfit(fit, objective.target(_flat(maps), places=places))
+    fit = on_leaves(flat(_maps(64, seed=1)), places)
+    both = objective.misfit(fit, objective.target(flat(maps), places=places))
     for index in range(2):
         one = slice(index, index + 1)
-        alone = leaves(_flat(maps[one]), 16, 5)
+        alone = leaves(flat(maps[one]), 16, 5)
         assert torch.equal(alone.refined[0], places.refined[index])
-        found = objective.misfit(fit[one], objective.target(_flat(maps[one]), places=alone))
+        found = objective.misfit(fit[one], objective.target(flat(maps[one]), places=alone))
         # float32 sums in another order
         torch.testing.assert_close(both.value[one], found.value, rtol=1e-5, atol=0)
         bound = 1e-6 * float(found.slope.abs().max())
@@ -276,7 +271,7 @@ def test_frames_of_a_batch_do_not_see_each_other() -> None:
 
 def test_a_repeated_target_judges_each_reconstruction_as_the_one_does() -> None:
     maps, places, fit = _example((64, 16, 5))
-    one = objective.target(_flat(maps[:1]), CORNERS, leaves(_flat(maps[:1]), 16, 5))
+    one = objective.target(flat(maps[:1]), CORNERS, leaves(flat(maps[:1]), 16, 5))
     many = one.repeated(3)
     fits = torch.cat([fit[:1], 0.5 * fit[:1], 2 * fit[:1]])
     found = objective.misfit(fits, many)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from lobe_cases import DOUBLE, lamps, random_lobes
+from lobe_cases import DOUBLE, lamps, noise, random_lobes
 from torch import Tensor
 
 from asglight.fitting import newton, objective, temporal
@@ -75,20 +75,13 @@ def test_leash_pulls_back_to_its_angle_and_lets_the_free_go() -> None:
     torch.testing.assert_close(held.norm(dim=-1), torch.ones(3))
 
 
-def _noise(height: int = 32) -> Tensor:
-    """Return a map of noise with a few bright texels.  [1, 3, P]."""
-    generator = torch.Generator().manual_seed(0)
-    maps = 5 * torch.rand(height, 2 * height, 3, generator=generator) ** 4
-    return maps.flatten(0, 1).mT[None].contiguous()
-
-
 def _way(lobes: Lobes, held: temporal.Prior) -> Tensor:
     """Return how far each lobe went, in units of itself.  [F, N]."""
     return temporal.displacement(lobes, held).norm(dim=-1)
 
 
 def test_a_strong_temporal_term_holds_the_lobes() -> None:
-    lobes, frame = random_lobes(Form.ASG).to(torch.float32)[None], objective.target(_noise())
+    lobes, frame = random_lobes(Form.ASG).to(torch.float32)[None], objective.target(noise())
     free = newton.minimise(lobes, frame, 8).lobes
     held = newton.minimise(lobes, frame, 8, priors=[temporal.prior(lobes, gamma=1e4)]).lobes
     still = temporal.prior(lobes)
@@ -97,7 +90,7 @@ def test_a_strong_temporal_term_holds_the_lobes() -> None:
 
 
 def test_a_strong_temporal_term_draws_lobes_to_where_they_were() -> None:
-    before, frame = random_lobes(Form.ASG).to(torch.float32)[None], objective.target(_noise())
+    before, frame = random_lobes(Form.ASG).to(torch.float32)[None], objective.target(noise())
     held = temporal.prior(before, gamma=1e4)
     away = torch.zeros(1, 5, UNKNOWNS)
     away[..., :2], away[..., 5:] = 0.03, 0.1
@@ -210,7 +203,7 @@ def test_steps_from_any_start_stay_finite_with_the_term(form: Form, exposure: fl
     widths = pairs[:, None, :1] if form is Form.SG else pairs[:, None, :2]
     lobes = Lobes(axes, widths.expand(-1, 2, 2), pairs[:, None, 2:].expand(-1, 2, 3), form)
     lobes = replace(lobes, amplitude=lobes.amplitude * torch.tensor([[1.0], [0.3]]))
-    maps = exposure * _noise(32)
+    maps = exposure * noise(32)
     frame = objective.target(maps, places=leaves(maps, 16, 4)).repeated(len(pairs))
     found = newton.minimise(lobes, frame, 4, priors=[temporal.prior(lobes)])
     everything = (found.value, found.damping, found.lobes.axes)

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import pytest
 import torch
-from lobe_cases import DOUBLE, lamps, random_lobes
+from lobe_cases import DOUBLE, lamps, random_lobes, target
 from torch import Tensor
 
 from asglight.fitting import lobe_images, objective, tracking
 from asglight.fitting.coordinates import advance
-from asglight.fitting.leaves import leaves
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.lobes.data import stack
 from asglight.lobes.frames import parallel_transport
@@ -28,10 +27,6 @@ def _around(degrees: float, height_degrees: float = 20.0) -> tuple[float, float,
 def _map(scene: Lobes, height: int = 64) -> Tensor:
     """Return texel means.  [1, 3, P]."""
     return texels.texel_means(scene, height, 2 * height).float().flatten(0, 1).mT[None].contiguous()
-
-
-def _target(maps: Tensor, rows: int = 64, refined: int = 0) -> objective.Target:
-    return objective.target(maps, places=leaves(maps, rows, refined))
 
 
 def _drawn(lobes: Lobes, frame: objective.Target, width_min: float) -> Lobes:
@@ -83,7 +78,7 @@ def test_moments_are_those_of_a_dense_sum(form: Form) -> None:
     away = torch.randn(2, 4, 8, generator=torch.Generator().manual_seed(2)) * 0.04
     scenes = replace(advance(lobes, away), form=Form.ASG)  # lamps of one side, for each form
     maps = torch.cat([3 * _map(scenes[0]), _map(scenes[1])])
-    frame = _target(maps, 32, 12)
+    frame = target(maps, 32, 12)
     shown = lobe_images.images(lobes, frame.places)
     found = _drawn(lobes, frame, 0.0)
     for index in range(2):
@@ -133,7 +128,7 @@ def test_lobes_that_cover_the_sphere_take_the_flux_of_the_map(form: Form) -> Non
     )[None]
     maps = torch.rand(1, 3, 2 * 64**2, generator=torch.Generator().manual_seed(1)) ** 4
     area = latlong.texel_solid_angles(64, 128, dtype=DOUBLE).reshape(-1)
-    found = asg.flux(_drawn(lobes, _target(maps, 16, 8), 0.0)).sum(1)
+    found = asg.flux(_drawn(lobes, target(maps, 16, 8), 0.0)).sum(1)
     # float32 sums
     torch.testing.assert_close(found.double(), (maps.double() * area).sum(-1), rtol=1e-5, atol=0)
 
@@ -145,7 +140,7 @@ def test_a_lobe_reaches_a_lamp_that_moved_by_eight_degrees(form: Form) -> None:
     after = lamps([_around(0, 28.0), _around(50)], sharpness, [100.0, 100.0])
     before = replace(before, form=form)
     assert _angle(before.axis_z[0], _around(0, 28.0)) == pytest.approx(8.0, abs=1e-3)
-    found = _drawn(before[None], _target(_map(after)), 0.0)[0]
+    found = _drawn(before[None], target(_map(after)), 0.0)[0]
     # the means of a lobe and its texels lie as close as the lobes' tails on each other's lamps
     assert _angle(found.axis_z[0], _around(0, 28.0)) < 0.1
     assert _angle(found.axis_z[1], _around(50)) < 0.1
@@ -157,7 +152,7 @@ def test_a_lobe_reaches_a_lamp_that_moved_by_eight_degrees(form: Form) -> None:
 def test_a_lobe_reaches_its_lamp_before_a_faint_sky() -> None:
     before = lamps([(0.0, 1.0, 0.0), _around(0)], [0.5, 200.0], [0.01, 100.0])
     after = lamps([(0.0, 1.0, 0.0), _around(8)], [0.5, 200.0], [0.01, 100.0])
-    found = _drawn(before[None], _target(_map(after)), 0.0)[0]
+    found = _drawn(before[None], target(_map(after)), 0.0)[0]
     # at eight degrees the lamp's lobe still sends ten times what the sky does
     assert _angle(found.axis_z[1], _around(8)) < 1.0
 
@@ -166,7 +161,7 @@ def test_a_sun_that_left_its_lobes_sight_is_found_again() -> None:
     sky = [(0.0, 1.0, 0.0), _around(0)], [0.5, 1e4]  # the sun's sigma is 0.4 degrees
     before = lamps(*sky, [1.0, 5000.0])
     after = replace(before, axes=lamps([(0.0, 1.0, 0.0), _around(7)], sky[1], [1, 1]).axes)
-    frame = _target(_map(after, 128), 64, 32)
+    frame = target(_map(after, 128), 64, 32)
     # by itself the step leaves the sun to the sky
     assert _angle(_drawn(before[None], frame, 0.0)[0].axis_z[1], _around(0)) < 1.0
     found = _found_again(before[None], frame)
@@ -180,14 +175,14 @@ def test_a_sun_that_left_its_lobes_sight_is_found_again() -> None:
 @pytest.mark.parametrize("form", list(Form))
 def test_nothing_is_looked_for_where_no_lobe_lost_its_lamp(form: Form) -> None:
     scene = _narrow(form, 3)
-    assert _found_again(scene[None], _target(_map(scene))) is None
+    assert _found_again(scene[None], target(_map(scene))) is None
 
 
 @pytest.mark.parametrize("shift", [-4.0, 4.0])
 def test_two_lamps_keep_two_lobes(shift: float) -> None:
     before = lamps([_around(0), _around(20)], [800.0, 800.0], [50.0, 100.0])
     after = lamps([_around(shift), _around(20 + shift)], [800.0, 800.0], [50.0, 100.0])
-    found = _drawn(before[None], _target(_map(after, 128), 64, 32), 0.0)[0]
+    found = _drawn(before[None], target(_map(after, 128), 64, 32), 0.0)[0]
     for lobe, place in ((0, shift), (1, 20 + shift)):
         # half of a texel of 1.4 degrees, which is all that a map can tell
         assert _angle(found.axis_z[lobe], _around(place)) < 0.7
@@ -202,10 +197,10 @@ def test_no_lobe_gets_narrower_than_allowed(form: Form) -> None:
     maps[:, :, 20 * 128 + 40] = 100.0
     place = latlong.directions(64, 128, dtype=torch.float32).reshape(-1, 3)[20 * 128 + 40]
     start = replace(lamps([tuple(place.tolist())], [30.0], [1.0]), form=form)[None]
-    found = _drawn(start, _target(maps, 16, 4), 0.05)
+    found = _drawn(start, target(maps, 16, 4), 0.05)
     # all of the flux lies in one texel: the narrowest there is, but for the correction for breadth
     assert float(texels.lobe_width(found)) == pytest.approx(0.05, rel=2e-3)
-    free = _drawn(start, _target(maps, 16, 4), 0.0)
+    free = _drawn(start, target(maps, 16, 4), 0.0)
     assert float(texels.lobe_width(free)) < 0.05
     for lobes in (found, free):
         assert _angle(lobes.axis_z[0, 0], tuple(place.tolist())) < 0.05  # float32
@@ -215,7 +210,7 @@ def test_no_lobe_gets_narrower_than_allowed(form: Form) -> None:
 @pytest.mark.parametrize("form", list(Form))
 def test_a_black_map_leaves_lobes_in_place_and_dark(form: Form) -> None:
     lobes = _narrow(form, 0)[None]
-    found = _drawn(lobes, _target(torch.zeros(1, 3, 2 * 64**2), 16, 4), 0.01)
+    found = _drawn(lobes, target(torch.zeros(1, 3, 2 * 64**2), 16, 4), 0.01)
     assert torch.equal(found.axes, lobes.axes)
     assert torch.equal(found.sharpness, lobes.sharpness)
     assert torch.equal(found.amplitude, torch.zeros_like(lobes.amplitude))
@@ -227,7 +222,7 @@ def test_a_lobe_that_takes_nothing_stays_in_place(form: Form) -> None:
     amplitude = lobes.amplitude.clone()
     amplitude[2] = 0
     lobes = replace(lobes, amplitude=amplitude)[None]
-    found = _drawn(lobes, _target(_map(_narrow(Form.ASG, 1)), 16, 4), 0.01)
+    found = _drawn(lobes, target(_map(_narrow(Form.ASG, 1)), 16, 4), 0.01)
     assert torch.equal(found.axes[0, 2], lobes.axes[0, 2])
     assert torch.equal(found.sharpness[0, 2], lobes.sharpness[0, 2])
     assert torch.equal(found.amplitude[0, 2], torch.zeros(3))
@@ -238,10 +233,10 @@ def test_a_lobe_that_takes_nothing_stays_in_place(form: Form) -> None:
 def test_frames_of_a_batch_do_not_see_each_other(form: Form) -> None:
     maps = torch.cat([_map(_narrow(form, 1)), 40 * _map(_narrow(form, 2))])
     lobes = stack([_narrow(form, 0), _narrow(form, 3)])
-    both = _drawn(lobes, _target(maps, 32, 8), 0.01)
+    both = _drawn(lobes, target(maps, 32, 8), 0.01)
     for index in range(2):
         one = slice(index, index + 1)
-        alone = _drawn(lobes[one], _target(maps[one], 32, 8), 0.01)
+        alone = _drawn(lobes[one], target(maps[one], 32, 8), 0.01)
         # float32 sums in another order; a nearly round lobe's x is known to the root of that
         axes = both.axis_z[one]
         torch.testing.assert_close(axes, alone.axis_z, rtol=0, atol=1e-5)
@@ -259,7 +254,7 @@ def test_any_lobes_and_maps_give_finite_ones(form: Form, exposure: float) -> Non
     light = pairs[:, None, 2:] * torch.tensor([[1.0], [0.3]])
     lobes = Lobes(axes, sharpness.expand(-1, 2, 2), light.expand(-1, 2, 3), form)
     maps = exposure * torch.rand(1, 3, 2 * 32**2, generator=torch.Generator().manual_seed(0)) ** 4
-    found = _drawn(lobes, _target(maps, 16, 4).repeated(len(pairs)), 0.005)
+    found = _drawn(lobes, target(maps, 16, 4).repeated(len(pairs)), 0.005)
     for tensor in (found.axes, found.sharpness, found.amplitude):
         assert bool(tensor.isfinite().all())
     identity = torch.eye(3).expand(*found.axes.shape)

@@ -6,7 +6,9 @@ import math
 import torch
 from torch import Tensor
 
+from asglight.fitting import objective
 from asglight.fitting.first_frame import FrameFit
+from asglight.fitting.leaves import leaves
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import StepCallback, fit_frame
 from asglight.lobes import Form, Lobes, texels
@@ -43,6 +45,27 @@ def sky_and_sun(sun_degrees: float, height: int = 64) -> Tensor:
     sun = (cos * math.sin(angle), sin, cos * math.cos(angle))
     scene = lamps([(0.0, 1.0, 0.1), sun], [1.0, 4000.0], [1.0, 3000.0])
     return texels.texel_means(scene, height, 2 * height)
+
+
+def flat(maps: Tensor) -> Tensor:
+    """Go to channels first.  [F, H, W, 3] -> [F, 3, P]."""
+    return maps.flatten(1, 2).mT.contiguous()
+
+
+def noise(height: int = 32, count: int = 1) -> Tensor:
+    """Return maps of noise with a few bright texels.  [F, 3, P]."""
+    generator = torch.Generator().manual_seed(0)
+    return flat(5 * torch.rand(count, height, 2 * height, 3, generator=generator) ** 4)
+
+
+def target(maps: Tensor, rows: int = 64, refined: int = 0) -> objective.Target:
+    """Return the target of maps on so many leaves.  [F, 3, P]."""
+    return objective.target(maps, places=leaves(maps, rows, refined))
+
+
+def shown(lobes: Lobes, height: int) -> objective.Target:
+    """Return the target of one frame's lobes, averaged over texels."""
+    return objective.target(flat(texels.texel_means(lobes, height, 2 * height).float()[None]))
 
 
 def follow(
