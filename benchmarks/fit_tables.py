@@ -157,8 +157,7 @@ def following_table(sequences: dict[str, Any]) -> str:
         f"{fit_following.JUMP_DEG:g} degrees between neighbouring frames. `independent` fits each "
         "frame from nothing (fast); its lobes are matched to the frame before. `paper` takes "
         f"{first:,} steps of its recipe for the first frame and {following:,} for each next one. "
-        "Reading is not in the seconds of the "
-        "fits."
+        "Reading is not in the seconds of the fits."
     )
     return f"{markdown(header, rows)}\n\n{note}"
 

@@ -49,7 +49,7 @@ class Effort:
     levels: tuple[Level, ...]
 
 
-def soft_to_sharp(steps: int, kept: tuple[int, int] = (1, 1), rounds: int = 0) -> tuple[Level, ...]:
+def soft_to_sharp(steps: int, kept: tuple[int, int], rounds: int) -> tuple[Level, ...]:
     """Return the levels down to corners at which most of the lobes have found their lamps.
 
     The materials start soft as well: with corners as wide as all they show, J is nearly a quadratic
@@ -195,6 +195,7 @@ def descend(
             softened.repeated(len(state.lobes.axes)),
             level.steps,
             damping=state.damping,
+            matrices=level.matrices,
             width_min=width_min,
             on_step=on_step,
         )

@@ -66,7 +66,7 @@ LACKING_SHARE = 5e-3
 
 SUSPECT_LOSS = 1.0
 """Loss from which a frame gets the steps of `FAST` on top, and if that is not enough, is fitted
-afresh as well: twice the loss of the hardest of ten real maps."""
+afresh as well: far above that of any of ten real maps, each fitted by itself."""
 
 CUT_GAIN = 0.2
 """A fresh fit with less than this share of the loss means a cut: the lobes start anew."""

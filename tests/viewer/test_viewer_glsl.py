@@ -33,16 +33,17 @@ def write(folder: Path, **files: str) -> None:
 
 @pytest.mark.parametrize("name", glsl.fragment_shaders())
 def test_every_pass_compiles(opengl: moderngl.Context, name: str) -> None:
-    passes.pass_program(opengl, name)
+    assert passes.pass_program(opengl, name).glo > 0
 
 
 @pytest.mark.parametrize("name", LIBRARY)
 def test_every_included_file_compiles_on_its_own(
     probe_program: Callable[[str], moderngl.Program], name: str
 ) -> None:
-    probe_program(
+    program = probe_program(
         f'#version 410 core\n#include "{name}"\nout vec4 o;\nvoid main() {{ o = vec4(0.0); }}\n'
     )
+    assert program.glo > 0
 
 
 def test_includes_nest_and_come_once(tmp_path: Path) -> None:
