@@ -21,7 +21,7 @@ ALLOWED = {
     "sky": {"sphere", "images"},
     "judging": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers"},
     "shots": {"sphere", "lobes", "fitting", "images", "usd"},
-    "viewer": {"lobes", "shading", "usd", "images"},
+    "viewer": {"sphere", "lobes", "shading", "usd", "images"},
     "cli": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers", "judging", "sky"}
     | {"shots", "viewer"},
 }

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The directional albedo: by a sum over the lights in float64, and as the shaders look it up."""
+
+from collections.abc import Callable
+
+import moderngl
+import numpy as np
+import pytest
+import torch
+
+from asglight.shading import ggx
+from asglight.viewer.albedo_table import albedo_table
+from asglight.viewer.passes import radiance_target
+
+LOOKUP = """
+#version 410 core
+#include "lib/ggx.glsl"
+uniform sampler2D u_table;
+uniform float u_roughness;
+layout(location = 0) out vec4 o;
+void main() {
+    float cos_view = (gl_FragCoord.x - 0.5) / 99.0;
+    o = vec4(ggx_albedo_parts(u_table, cos_view, u_roughness),
+             ggx_fresnel(vec3(0.04), cos_view).r, 0.0);
+}
+"""
+
+
+@pytest.mark.parametrize("cos_view", [0.2, 0.7, 1.0])
+@pytest.mark.parametrize("alpha", [0.25, 1.0])
+def test_albedo_is_the_integral_over_the_lights(cos_view: float, alpha: float) -> None:
+    cos_light, turn = np.meshgrid(
+        (np.arange(1500) + 0.5) / 1500, 2 * np.pi * (np.arange(800) + 0.5) / 800, indexing="ij"
+    )
+    sin_light, sin_view = np.sqrt(1 - cos_light**2), np.sqrt(1 - cos_view**2)
+    v_l = sin_light * sin_view * np.cos(turn) + cos_light * cos_view
+    n_h = (cos_light + cos_view) / np.sqrt(2 + 2 * v_l)
+    v_h = np.sqrt((1 + v_l) / 2)
+    distribution = alpha**2 / np.pi / (n_h**2 * (alpha**2 - 1) + 1) ** 2
+    # Smith's masking of one direction, and both together height-correlated [Heitz 2014]
+    smith = [(-1 + np.sqrt(1 + alpha**2 * (1 / c**2 - 1))) / 2 for c in (cos_view, cos_light)]
+    kernel = distribution / (1 + smith[0] + smith[1]) / (4 * cos_view)  # f n.l
+    fresnel = (1 - v_h) ** 5
+    expected = [(kernel * w).mean() * 2 * np.pi for w in (1 - fresnel, fresnel)]
+    parts = ggx.albedo_parts(torch.tensor([cos_view], dtype=torch.float64), alpha)
+    # 48 Gauss nodes across the kink where a light passes the horizon
+    np.testing.assert_allclose(parts[0].numpy(), expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("roughness", [0.05, 0.1, 0.25, 0.5, 1.0])
+def test_shaders_look_the_albedo_up(
+    opengl: moderngl.Context,
+    probe_program: Callable[[str], moderngl.Program],
+    roughness: float,
+) -> None:
+    program = probe_program(LOOKUP)
+    program["u_table"] = 0
+    program["u_roughness"] = roughness
+    albedo_table(opengl).use(location=0)
+    target = radiance_target(opengl, (100, 1))
+    target.use()
+    opengl.vertex_array(program, []).render(moderngl.TRIANGLES, vertices=3)
+    found = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(100, 4)
+    cos_view = torch.linspace(0, 1, 100, dtype=torch.float64)
+    above = cos_view > 0.06
+    expected = ggx.albedo_parts(cos_view[above], roughness**2).numpy()
+    np.testing.assert_allclose(found[above, :2], expected, atol=3e-3)  # as the table promises
+    schlick = 0.04 + 0.96 * (1 - cos_view.numpy()) ** 5
+    np.testing.assert_allclose(found[:, 2], schlick, atol=1e-6)  # rounding of float32
