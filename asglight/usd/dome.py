@@ -7,6 +7,9 @@ from asglight.images import write_exr
 from asglight.lobes import LobeTracks, texels
 from asglight.lobes.data import Lobes
 
+HEIGHT = 128
+"""Rows of the images where nothing else is asked for: texels of 1.4 degrees."""
+
 
 def write_textures(tracks: LobeTracks, folder: Path, stem: str, height: int) -> list[Path]:
     """Write the dome's images; tracks that never change get one.

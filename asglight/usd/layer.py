@@ -57,7 +57,7 @@ def build(tracks: LobeTracks, placement: Placement) -> tuple[Sdf.Layer, TrackAut
     """
     layer = Sdf.Layer.CreateAnonymous(".usda")
     author = TrackAuthor(tracks.frames)
-    lobes = _continuous(tracks.lobes)
+    lobes = continuous(tracks.lobes)
     with Sdf.ChangeBlock():
         _author_stage_metadata(layer, tracks, placement.meters_per_unit)
         rig = Sdf.PrimSpec(layer, schema.RIG, Sdf.SpecifierDef, "Xform")
@@ -78,10 +78,42 @@ def build(tracks: LobeTracks, placement: Placement) -> tuple[Sdf.Layer, TrackAut
     return layer, author
 
 
-def _continuous(lobes: Lobes) -> Lobes:
+def continuous(lobes: Lobes) -> Lobes:
     """Return the lobes in float64 on the CPU, frames orthonormal and continuous in time."""
     lobes = lobes.to("cpu", torch.float64)
     return frames.continuous(replace(lobes, axes=frames.orthonormal(lobes.axes)))
+
+
+def lobe_tracks(lobes: Lobes) -> dict[str, Tensor]:
+    """Return the attributes that say what each lobe is.
+
+    Args:
+        lobes: Lobes of F frames, continuous in time.  [F, N, .]
+
+    Returns:
+        Quaternions [F, N, 4], sharpness [F, N, 2] and amplitude [F, N, 3].
+    """
+    return {
+        schema.ORIENT: frames.continuous_quaternions(frames.quaternion_from_axes(lobes.axes)),
+        schema.SHARPNESS: lobes.sharpness,
+        schema.AMPLITUDE: lobes.amplitude,
+    }
+
+
+def author_textures(author: TrackAuthor, dome: Sdf.PrimSpec, textures: Sequence[str]) -> None:
+    """Author which image the dome shows: one for each frame, or one for all."""
+    moving = len(textures) > 1
+    paths = list(textures) if moving else [textures[0]] * len(author.frames)
+    keep = np.full(len(author.frames), moving)
+    author.held(dome, schema.TEXTURE, [Sdf.AssetPath(path) for path in paths], keep)
+
+
+def metadata_text(tracks: LobeTracks) -> str:
+    """Return the fit's metadata as one JSON string.
+
+    USD dictionaries hold neither None nor lists of mixed values.
+    """
+    return json.dumps(dict(tracks.metadata), allow_nan=False, ensure_ascii=False)
 
 
 def _author_stage_metadata(layer: Sdf.Layer, tracks: LobeTracks, meters_per_unit: float) -> None:
@@ -96,13 +128,9 @@ def _author_stage_metadata(layer: Sdf.Layer, tracks: LobeTracks, meters_per_unit
 def _custom_data(tracks: LobeTracks) -> dict[str, Any]:
     """Return the rig's custom data.
 
-    The fit's metadata is one JSON string: USD dictionaries hold neither None nor lists of mixed
-    values. The frames are listed only where some are missing between the first and the last.
+    The frames are listed only where some are missing between the first and the last.
     """
-    data: dict[str, Any] = {
-        "version": schema.FORMAT_VERSION,
-        "metadata": json.dumps(dict(tracks.metadata), allow_nan=False, ensure_ascii=False),
-    }
+    data: dict[str, Any] = {"version": schema.FORMAT_VERSION, "metadata": metadata_text(tracks)}
     first, last = tracks.frames[0], tracks.frames[-1]
     if len(tracks.frames) != last - first + 1:
         data["frames"] = Vt.IntArray(tracks.frames)
@@ -111,11 +139,7 @@ def _custom_data(tracks: LobeTracks) -> dict[str, Any]:
 
 def _author_lobes(author: TrackAuthor, rig: Sdf.PrimSpec, lobes: Lobes) -> None:
     scope = Sdf.PrimSpec(rig, schema.LOBES, Sdf.SpecifierDef, "Scope")
-    tracks = {
-        schema.ORIENT: frames.continuous_quaternions(frames.quaternion_from_axes(lobes.axes)),
-        schema.SHARPNESS: lobes.sharpness,
-        schema.AMPLITUDE: lobes.amplitude,
-    }
+    tracks = lobe_tracks(lobes)
     for index, name in enumerate(schema.lobe_names(lobes.count)):
         lobe = Sdf.PrimSpec(scope, name, Sdf.SpecifierDef)
         lobe.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=[schema.LOBE_API]))
@@ -163,10 +187,7 @@ def _author_dome(
     constant(dome, schema.INTENSITY, 1.0)
     constant(dome, schema.COLOR, Gf.Vec3f(1))
     constant(dome, schema.TEXTURE_FORMAT, "latlong")
-    moving = len(textures) > 1
-    paths = list(textures) if moving else [textures[0]] * len(author.frames)
-    keep = np.full(len(author.frames), moving)
-    author.held(dome, schema.TEXTURE, [Sdf.AssetPath(path) for path in paths], keep)
+    author_textures(author, dome, textures)
 
 
 def _override_lobes(variant: Sdf.PrimSpec, count: int) -> list[Sdf.PrimSpec]:

@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Edited lobes as a layer over the stage that was edited, whose own files stay as they are.
+
+The layer sublayers the stage and overrides, for the lobes that were edited, each attribute whose
+composed value differs from the one that `write_usd` would author: what the lobe is, and the lights
+derived from it, inside their variants. The dome shows all lobes together, so it gets images of its
+own. Range and rate of time, units and the default prim are copied, because USD reads them from a
+stage's own layer and from none below it.
+"""
+
+import os
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pxr import Sdf, Usd
+from torch import Tensor
+
+from asglight.errors import InputError
+from asglight.images.latlong_image import read_header
+from asglight.images.message import shown
+from asglight.lobes import LobeTracks
+from asglight.lobes.data import Form
+from asglight.usd import cards, distant, dome, layer, samples, schema, staging
+from asglight.usd.authoring import TrackAuthor
+from asglight.usd.checks import check_target, check_tracks
+from asglight.usd.lint import lint_stage
+from asglight.usd.read import read_usd
+from asglight.usd.schema import Representation
+from asglight.usd.stage import find_rig, lobe_prims, numbers, open_stage
+from asglight.usd.staging import WriteReport
+
+STAGE_KEYS = (
+    "defaultPrim",
+    "upAxis",
+    "metersPerUnit",
+    "timeCodesPerSecond",
+    "framesPerSecond",
+    "startTimeCode",
+    "endTimeCode",
+)
+"""Metadata that USD does not compose from sublayers."""
+
+SAME_NUMBERS = 2.0
+"""In tolerances of the attribute: the source may be off by one, and so may a rewrite of it."""
+
+SAME_QUATERNIONS = 4 * samples.QUATERNION_TOLERANCE
+"""Of a component: the source's tolerance, the rounding of its float32 slerp, that of the float32
+axes that were read from it, and that of the quaternion made of them."""
+
+
+@dataclass(frozen=True)
+class _Track:
+    """What an attribute should be at every frame.
+
+    Attributes:
+        path: The attribute in the layer, with its variant.
+        representation: The variant; None outside the variants.
+        values: One value a frame.  [F, K]
+        tolerance: Relative error of a sample left out.
+    """
+
+    path: Sdf.Path
+    representation: Representation | None
+    values: Tensor
+    tolerance: float
+
+
+class _Source:
+    """The stage that was edited, as it is on disk.
+
+    Attributes:
+        path: The stage.
+        stage: Its composition; which representation it shows changes as it is read.
+        rig: The prim that holds the lobes.
+        tracks: Its lobes.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read the stage.
+
+        Raises:
+            InputError: There is no such stage, it holds no lobes, or a value is damaged.
+        """
+        self.path = path
+        self.tracks = read_usd(path)
+        self.stage = open_stage(path)
+        rig = find_rig(self.stage)
+        assert rig is not None, "read_usd reads no stage without one"
+        self.rig = rig
+        self.stage.SetEditTarget(self.stage.GetSessionLayer())
+
+    def show(self, representation: Representation) -> None:
+        """Select a variant, in memory only."""
+        variants = self.rig.GetVariantSet(schema.VARIANT_SET)
+        if variants.GetVariantSelection() != representation:
+            variants.SetVariantSelection(str(representation))
+
+    def values(self, track: _Track) -> NDArray[np.float64] | None:
+        """Return what an attribute is at every frame, or None where it has no value.  [F, K]."""
+        if track.representation is not None:
+            self.show(track.representation)
+        attribute = self.stage.GetAttributeAtPath(track.path.StripAllVariantSelections())
+        kind = schema.VALUE_TYPES[track.path.name]
+        if not attribute or attribute.GetTypeName() != kind:
+            return None
+        query = Usd.AttributeQuery(attribute)
+        values = [query.Get(frame) for frame in self.tracks.frames]
+        return None if None in values else numbers(values, kind)
+
+    def distance(self) -> float:
+        """Return how far the cards are from the origin.
+
+        Raises:
+            InputError: There are no cards.
+        """
+        self.show(Representation.CARDS)
+        for prim in Usd.PrimRange(self.rig):
+            offset = prim.GetAttribute(schema.TRANSLATE)
+            if offset and offset.Get() is not None:
+                return float(offset.Get()[2])
+        raise InputError(
+            f"{shown(self.path)}: no {schema.TRANSLATE} on a card; expected a stage that asglight "
+            "wrote. Write it anew."
+        )
+
+    def textures(self) -> list[Path]:
+        """Return the dome's images that are there."""
+        self.show(Representation.DOME)
+        attribute = self.rig.GetPrimAtPath(schema.DOME).GetAttribute(schema.TEXTURE)
+        if not attribute:
+            return []
+        codes = [Usd.TimeCode.Default(), *map(Usd.TimeCode, attribute.GetTimeSamples())]
+        assets = [attribute.Get(code) for code in codes]
+        return [Path(asset.resolvedPath) for asset in assets if asset and asset.resolvedPath]
+
+
+def write_edit_layer(
+    path: str | Path, source: str | Path, tracks: LobeTracks, edited: Collection[int]
+) -> WriteReport:
+    """Write the edits of a stage's lobes as a layer over that stage.
+
+    `read_usd` of the layer gives the edited tracks. The stage is referred to relatively where both
+    lie on one drive; it may be such a layer itself. The dome's images go to `<stem>_dome` beside
+    the layer, as many rows as the stage's.
+
+    Args:
+        path: Target: `.usda` is text, `.usdc` and `.usd` are crates.
+        source: The stage that was edited.
+        tracks: Its tracks with the edits.
+        edited: Indices of the lobes that were edited.
+
+    Returns:
+        Files and sample counts.
+
+    Raises:
+        InputError: The tracks cannot be lights or are not those of the stage, the target is a file
+            of the stage, or nothing can be written there.
+    """
+    path = Path(path)
+    check_tracks(tracks)
+    check_target(path)
+    below = _Source(Path(source))
+    _check_same(below, tracks, edited)
+    _check_apart(path, below)
+    differing = [track for track in _tracks(below, tracks, edited) if _differs(below, track)]
+    with staging.staged(path) as place:
+        textures = staging.write_dome(tracks, place, _dome_height(below)) if differing else []
+        built, author = _build(below, tracks, differing, staging.relative_names(textures))
+        built.subLayerPaths = [_reference(below.path, place.parent)]
+        staging.export(built, place)
+        _check_findings(below, place)
+        built.subLayerPaths = [_reference(below.path, path.parent)]
+        staging.export(built, place)
+        return staging.move_into_place(place, path, textures, author)
+
+
+def _tracks(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> Iterator[_Track]:
+    """Yield the attributes of the edited lobes and of their lights."""
+    chosen = sorted(edited)
+    lobes = layer.continuous(tracks.lobes.select(torch.tensor(chosen, dtype=torch.long)))
+    names = [prim.GetName() for prim in lobe_prims(below.rig)]
+    scope = below.rig.GetPath().AppendChild(schema.LOBES)
+    own = [scope.AppendChild(names[index]) for index in chosen]
+    yield from _of_lobes([[path] for path in own], None, layer.lobe_tracks(lobes))
+    lights: Mapping[Representation, Mapping[str, Tensor]] = {
+        Representation.CARDS: cards.values(lobes, below.distance()),
+        Representation.DISTANT: distant.values(lobes),
+    }
+    for representation, values in lights.items():
+        selection = schema.VARIANT_SET, str(representation)
+        variant = below.rig.GetPath().AppendVariantSelection(*selection)
+        in_variant = [path.ReplacePrefix(below.rig.GetPath(), variant) for path in own]
+        sides = schema.SIDES if lobes.form is Form.BINGHAM else ()
+        paths = [[path.AppendChild(side) for side in sides] or [path] for path in in_variant]
+        yield from _of_lobes(paths, representation, values)
+
+
+def _of_lobes(
+    prims: list[list[Sdf.Path]],
+    representation: Representation | None,
+    values: Mapping[str, Tensor],
+) -> Iterator[_Track]:
+    """Yield the tracks of attributes [F, N, K] on the one or two prims of each lobe."""
+    tolerance = layer.LOBE_TOLERANCE if representation is None else layer.LIGHT_TOLERANCE
+    for index, paths in enumerate(prims):
+        for path in paths:
+            for name, value in values.items():
+                place = path.AppendProperty(name)
+                yield _Track(place, representation, value[:, index], tolerance)
+
+
+def _differs(below: _Source, track: _Track) -> bool:
+    """Tell whether the stage shows something else at any frame."""
+    held = below.values(track)
+    if held is None:
+        return True
+    wanted = track.values.numpy()
+    if track.path.name == schema.ORIENT:  # q and -q are one rotation
+        held = held * np.where((held * wanted).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+        return bool((np.abs(held - wanted) > SAME_QUATERNIONS).any())
+    return bool((np.abs(held - wanted) > SAME_NUMBERS * track.tolerance * np.abs(wanted)).any())
+
+
+def _build(
+    below: _Source, tracks: LobeTracks, differing: list[_Track], textures: list[str]
+) -> tuple[Sdf.Layer, TrackAuthor]:
+    built = Sdf.Layer.CreateAnonymous(".usda")
+    root = below.stage.GetRootLayer().pseudoRoot
+    for key in STAGE_KEYS:
+        if root.HasInfo(key):
+            built.pseudoRoot.SetInfo(key, root.GetInfo(key))
+    rig_path = below.rig.GetPath()
+    rig = Sdf.CreatePrimInLayer(built, rig_path)
+    if tracks.metadata != below.tracks.metadata:
+        data = {"metadata": layer.metadata_text(tracks)}
+        rig.SetInfo("customData", {schema.CUSTOM_DATA: data})
+    author = TrackAuthor(tracks.frames)
+    for track in differing:
+        prim = Sdf.CreatePrimInLayer(built, track.path.GetPrimPath())
+        author.track(prim, track.path.name, track.values, track.tolerance)
+    if textures:
+        variant = rig_path.AppendVariantSelection(schema.VARIANT_SET, str(Representation.DOME))
+        prim = Sdf.CreatePrimInLayer(built, variant.AppendChild(schema.DOME))
+        layer.author_textures(author, prim, textures)
+    return built, author
+
+
+def _reference(source: Path, folder: Path) -> str:
+    """Return how a layer in a folder names the stage below it."""
+    absolute = os.path.abspath(source)
+    try:
+        relative = Path(os.path.relpath(absolute, os.path.abspath(folder))).as_posix()
+    except ValueError:  # another drive of Windows
+        return Path(absolute).as_posix()
+    return relative if relative.startswith("../") else f"./{relative}"
+
+
+def _dome_height(below: _Source) -> int:
+    """Return the rows of the stage's own images; a stage copied without them gets the default."""
+    try:
+        return next((read_header(image).height for image in below.textures()), dome.HEIGHT)
+    except InputError:
+        return dome.HEIGHT
+
+
+def _check_findings(below: _Source, place: Path) -> None:
+    """Raise if the layer breaks the contract where the stage below it does not."""
+    findings = lint_stage(place)
+    own = set(findings) - set(lint_stage(below.path)) if findings else set()
+    if own:
+        raise RuntimeError(f"the layer breaks the stage's contract: {sorted(own)}")
+
+
+def _check_same(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> None:
+    """Check that the stage is the one whose tracks were edited."""
+    held = below.tracks
+    if not set(edited) <= set(range(tracks.lobes.count)):
+        raise ValueError(f"edited: {sorted(edited)} of {tracks.lobes.count} lobes")
+    alike = (
+        held.frames == tracks.frames
+        and held.fps == tracks.fps
+        and held.lobes.form is tracks.lobes.form
+        and held.lobes.count == tracks.lobes.count
+    )
+    rest = [index for index in range(tracks.lobes.count) if index not in set(edited)]
+    kept = torch.tensor(rest, dtype=torch.long)
+    if not alike or any(
+        not torch.equal(getattr(held.lobes.select(kept), name), values.to("cpu", torch.float32))
+        for name, values in vars(tracks.lobes.select(kept)).items()
+        if isinstance(values, Tensor)
+    ):
+        raise InputError(
+            f"{shown(below.path)}: does not hold the lobes that were edited; expected the stage "
+            "as it was read. If it was written anew since, open it again."
+        )
+
+
+def _check_apart(path: Path, below: _Source) -> None:
+    """Check that no file of the stage would be replaced: neither a layer nor an image."""
+    target = path.resolve()
+    layers = [Path(used.realPath) for used in below.stage.GetUsedLayers() if used.realPath]
+    owners = {staging.dome_folder(used.resolve()): used for used in layers}
+    owners |= {image.resolve().parent: below.path for image in below.textures()}
+    same = [used for used in layers if path.exists() and path.samefile(used)]
+    owner = owners.get(staging.dome_folder(target), same[0] if same else None)
+    if owner is not None:
+        raise InputError(
+            f"{shown(path)}: would replace files of {shown(owner)}, which is edited; expected "
+            "another name or folder."
+        )

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files written beside their target, checked there, and only then renamed into place.
+
+Everything goes into a hidden folder beside the target: the stage, and the dome's images in
+`<stem>_dome`. The images are renamed one by one, the stage last. A write that fails before leaves
+every file as it was. One that is killed between two renames leaves the old stage with some images
+of the new one; whenever it ends, the stage that stands at the target finds all its images.
+"""
+
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from pxr import Sdf, Tf
+
+from asglight.errors import InputError
+from asglight.images.message import shown
+from asglight.lobes import LobeTracks
+from asglight.usd import dome
+from asglight.usd.authoring import TrackAuthor
+from asglight.usd.checks import FILE_FORMATS
+from asglight.usd.faults import reason
+
+
+@dataclass(frozen=True)
+class WriteReport:
+    """What was written.
+
+    Attributes:
+        files: The stage, then the dome's images.
+        bytes: Their size together.
+        samples_written: Time samples in the stage.
+        samples_left_out: Time samples that interpolation or a constant default reproduces.
+    """
+
+    files: tuple[Path, ...]
+    bytes: int
+    samples_written: int
+    samples_left_out: int
+
+
+@contextmanager
+def staged(path: Path) -> Iterator[Path]:
+    """Give a place for a stage in a hidden folder beside its target, removed at the end.
+
+    Args:
+        path: The target.
+
+    Yields:
+        Where to write the stage first.
+
+    Raises:
+        InputError: Something within cannot be written.
+    """
+    try:
+        # Beside the target, hence on its file system, where a rename is atomic.
+        with tempfile.TemporaryDirectory(
+            prefix=".asglight-", dir=path.parent, ignore_cleanup_errors=True
+        ) as folder:
+            yield Path(folder) / path.name
+    except (OSError, Tf.ErrorException) as error:
+        raise InputError(
+            f"{shown(path)}: cannot be written ({reason(error)}); expected a folder with room and "
+            "the permission to write. Check the output path."
+        ) from error
+
+
+def dome_folder(path: Path) -> Path:
+    """Return the folder of a stage's dome images."""
+    return path.parent / f"{path.stem}_dome"
+
+
+def write_dome(tracks: LobeTracks, place: Path, height: int) -> list[Path]:
+    """Write the dome's images beside a staged stage.
+
+    Args:
+        tracks: Lobes of all frames.
+        place: The staged stage.
+        height: Rows; there are twice as many columns.
+
+    Returns:
+        The files: one for each frame, or one.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    folder = dome_folder(place)
+    folder.mkdir()
+    try:
+        return dome.write_textures(tracks, folder, place.stem, height)
+    except InputError as error:  # names a file of the hidden folder, which nobody asked for
+        raise InputError(
+            str(error).replace(shown(place.parent), shown(place.parent.parent))
+        ) from error
+
+
+def relative_names(textures: Sequence[Path]) -> list[str]:
+    """Return how a stage refers to its dome's images, wherever the two lie together."""
+    return [f"./{texture.parent.name}/{texture.name}" for texture in textures]
+
+
+def export(layer: Sdf.Layer, place: Path) -> None:
+    """Write a layer in the format that its place's extension names.
+
+    Raises:
+        OSError: USD could not.
+    """
+    if not layer.Export(str(place), args={"format": FILE_FORMATS[place.suffix.lower()]}):
+        raise OSError(None, "USD could not save the layer")
+
+
+def move_into_place(
+    place: Path, path: Path, textures: Sequence[Path], author: TrackAuthor
+) -> WriteReport:
+    """Rename the dome's images and then the stage to where they belong.
+
+    Args:
+        place: The staged stage.
+        path: The target.
+        textures: Staged images.
+        author: What counted the samples.
+    """
+    folder = dome_folder(path)
+    if textures:
+        folder.mkdir(exist_ok=True)
+    images = [folder / texture.name for texture in textures]
+    for texture, image in zip(textures, images, strict=True):
+        os.replace(texture, image)
+    os.replace(place, path)
+    files = (path, *images)
+    size = sum(file.stat().st_size for file in files)
+    return WriteReport(files, size, author.written, author.left_out)

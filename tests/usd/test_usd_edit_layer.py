@@ -1,0 +1,375 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A layer of edits shows what writing the edited tracks would, and leaves the stage untouched."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from pxr import Sdf, Usd, UsdValidation
+from scipy.spatial.transform import Rotation
+from usd_tracks import contents, edited, moving, still
+
+from asglight.errors import InputError
+from asglight.images import read_latlong
+from asglight.lobes import Form, LobeTracks
+from asglight.usd import Representation, lint_stage, read_usd, write_edit_layer, write_usd
+
+FRAMES = (1001, 1002, 1005, 1006, 1010)
+ROUNDING = 3e-6
+"""Of components: the lobes' 1e-6 of samples left out, twice, and float32 rounding on the way."""
+LIGHTS = 1e-4
+"""Relative: samples left out of either stage, 2e-5 each, and an override of the difference left
+out up to twice that."""
+
+
+def changed(tracks: LobeTracks, lobe: int, frames: slice, *kinds: str) -> LobeTracks:
+    """Turn, brighten and sharpen one lobe in some frames, with scipy and numpy alone."""
+    lobes = tracks.lobes.clone()
+    if "turn" in kinds:
+        turn = torch.from_numpy(Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix()).float()
+        lobes.axes[frames, lobe] = lobes.axes[frames, lobe] @ turn.T
+    if "brighten" in kinds:
+        lobes.amplitude[frames, lobe] *= torch.tensor([4.0, 2.0, 0.5])
+    if "sharpen" in kinds:
+        # in the asg and bingham forms the lesser sharpness becomes the greater
+        factor = [2.0, 2.0] if lobes.form is Form.SG else [0.5, 8.0]
+        lobes.sharpness[frames, lobe] *= torch.tensor(factor)
+    return replace(tracks, lobes=lobes)
+
+
+def shown(path: Path, representation: Representation) -> dict[str, tuple]:
+    """Return type, defaults and values of every attribute in one representation."""
+    stage = Usd.Stage.Open(str(path))
+    stage.SetEditTarget(stage.GetSessionLayer())
+    rig = stage.GetDefaultPrim()
+    rig.GetVariantSet("representation").SetVariantSelection(str(representation))
+    codes = [Usd.TimeCode.Default(), *map(Usd.TimeCode, read_usd(path).frames)]
+    found: dict[str, tuple] = {str(p.GetPath()): (p.GetTypeName(),) for p in Usd.PrimRange(rig)}
+    for prim in Usd.PrimRange(rig):
+        for attribute in prim.GetAuthoredAttributes():
+            values = [attribute.Get(code) for code in codes]
+            found[str(attribute.GetPath())] = (attribute.GetTypeName(), values)
+    return found
+
+
+def assert_same_value(name: str, value, wanted) -> None:
+    if isinstance(wanted, Sdf.AssetPath):
+        images = [read_latlong(asset.resolvedPath).radiance for asset in (value, wanted)]
+        # half floats: the two dome images come from lobes that differ in float32 rounding
+        np.testing.assert_allclose(*images, rtol=2e-3, atol=1e-6 * float(images[1].max()))
+    elif hasattr(wanted, "GetImaginary"):
+        value, wanted = ([q.GetReal(), *q.GetImaginary()] for q in (value, wanted))
+        sign = np.sign(np.dot(value, wanted))  # q and -q are one rotation
+        np.testing.assert_allclose(sign * np.array(value), wanted, atol=ROUNDING, err_msg=name)
+    elif isinstance(wanted, str | bool | Sdf.ValueTypeName) or name.endswith("xformOpOrder"):
+        assert value == wanted, name
+    else:
+        tolerance = ROUNDING if ".asg:" in name else LIGHTS
+        np.testing.assert_allclose(value, wanted, rtol=tolerance, atol=1e-30, err_msg=name)
+
+
+def assert_shows_what_writing_shows(path: Path, tracks: LobeTracks, height: int = 8) -> None:
+    """Compare with a stage that is written from the edited tracks, attribute by attribute."""
+    direct = path.parent / "direct.usda"
+    write_usd(tracks, direct, distance=50.0, meters_per_unit=0.01, dome_height=height)
+    for representation in Representation:
+        found, wanted = shown(path, representation), shown(direct, representation)
+        assert found.keys() == wanted.keys()
+        for name, (kind, *values) in wanted.items():
+            assert found[name][0] == kind
+            for one, other in zip(found[name][1:], values, strict=True):
+                assert len(one) == len(other)
+                for value, want in zip(one, other, strict=True):
+                    assert_same_value(name, value, want)
+    stages = [Usd.Stage.Open(str(file)) for file in (path, direct)]
+    metadata = [stage.GetPseudoRoot().GetAllAuthoredMetadata() for stage in stages]
+    assert metadata[0] == metadata[1]
+    assert "endTimeCode" in metadata[1]
+
+
+def fit(folder: Path, form: Form = Form.ASG, name: str = "fit.usda") -> tuple[Path, LobeTracks]:
+    path = folder / name
+    write_usd(moving(FRAMES, form=form), path, distance=50.0, meters_per_unit=0.01, dome_height=8)
+    return path, read_usd(path)
+
+
+@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize(
+    ("frames", "extension"), [(slice(None), "usda"), (slice(2, 3), "usdc")], ids=["all", "one"]
+)
+def test_the_layer_shows_what_writing_the_edited_tracks_shows(form, frames, extension, tmp_path):
+    path, tracks = fit(tmp_path, form)
+    before = contents(tmp_path)
+    after = changed(tracks, 1, frames, "turn", "brighten", "sharpen")
+    target = tmp_path / f"edit.{extension}"
+    report = write_edit_layer(target, path, after, [1])
+    assert lint_stage(target) == []
+    assert {name: contents(tmp_path)[name] for name in before} == before
+    assert set(report.files) == {tmp_path / n for n in contents(tmp_path).keys() - before.keys()}
+    back = read_usd(target)
+    assert (back.frames, back.fps, back.metadata) == (after.frames, after.fps, after.metadata)
+    np.testing.assert_allclose(back.lobes.amplitude, after.lobes.amplitude, rtol=ROUNDING)
+    assert_shows_what_writing_shows(target, after)
+
+
+@pytest.mark.parametrize(
+    ("kind", "overridden"),
+    [
+        ("turn", {"xformOp:orient"}),
+        ("brighten", {"asg:amplitude", "inputs:intensity", "inputs:color"}),
+        (
+            "sharpen",
+            {"asg:sharpness", "inputs:width", "inputs:height", "inputs:angle", "inputs:intensity"},
+        ),
+    ],
+)
+def test_only_what_the_edit_changes_is_overridden(kind, overridden, tmp_path):
+    path, tracks = fit(tmp_path, Form.SG)
+    after = changed(tracks, 2, slice(None), kind)
+    write_edit_layer(tmp_path / "edit.usda", path, after, [2])
+    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "edit.usda"))
+    found: set[str] = set()
+    prims: set[str] = set()
+
+    def visit(place: Sdf.Path) -> None:
+        if place.IsPropertyPath():
+            found.add(place.name)
+            prims.add(place.GetPrimPath().name)
+
+    layer.Traverse("/", visit)
+    assert found == overridden | {"inputs:texture:file"}
+    assert prims == {"lobe_02", "Dome"}
+    assert layer.GetPrimAtPath("/AsgRig").specifier == Sdf.SpecifierOver
+
+
+def test_tracks_that_stand_still_can_be_made_to_move_and_back(tmp_path):
+    path = tmp_path / "fit.usda"
+    tracks = moving(FRAMES)
+    for values in (tracks.lobes.axes, tracks.lobes.sharpness, tracks.lobes.amplitude):
+        values[:] = values[:1].clone()
+    write_usd(tracks, path, distance=50.0, meters_per_unit=0.01, dome_height=8)
+    tracks = read_usd(path)
+    moved = changed(tracks, 0, slice(2, 3), "turn", "brighten", "sharpen")
+    write_edit_layer(tmp_path / "moved.usda", path, moved, [0])
+    assert lint_stage(tmp_path / "moved.usda") == []
+    assert_shows_what_writing_shows(tmp_path / "moved.usda", moved)
+    stilled = LobeTracks(tracks.frames, tracks.fps, tracks.lobes, tracks.metadata)
+    rest = read_usd(tmp_path / "moved.usda").lobes
+    for name in ("axes", "sharpness", "amplitude"):
+        getattr(stilled.lobes, name)[:, 1:] = getattr(rest, name)[:, 1:]
+    write_edit_layer(tmp_path / "still.usda", tmp_path / "moved.usda", stilled, [0])
+    assert lint_stage(tmp_path / "still.usda") == []
+    assert_shows_what_writing_shows(tmp_path / "still.usda", stilled)
+
+
+def test_a_layer_of_edits_can_be_edited(tmp_path):
+    path, tracks = fit(tmp_path)
+    first = changed(tracks, 1, slice(None), "turn", "sharpen")
+    write_edit_layer(tmp_path / "one.usda", path, first, [1])
+    before = contents(tmp_path)
+    second = changed(read_usd(tmp_path / "one.usda"), 1, slice(0, 1), "brighten", "turn")
+    second = changed(second, 2, slice(3, 4), "sharpen")
+    write_edit_layer(tmp_path / "two.usdc", tmp_path / "one.usda", second, [1, 2])
+    assert {name: contents(tmp_path)[name] for name in before} == before
+    assert lint_stage(tmp_path / "two.usdc") == []
+    assert_shows_what_writing_shows(tmp_path / "two.usdc", second)
+
+
+def test_the_validators_of_usd_are_content(tmp_path):
+    path, tracks = fit(tmp_path, Form.BINGHAM)
+    write_edit_layer(tmp_path / "edit.usda", path, changed(tracks, 0, slice(1, 2), "turn"), [0])
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    stage = Usd.Stage.Open(str(tmp_path / "edit.usda"))
+    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert [error.GetErrorAsString() for error in errors] == []
+
+
+def test_the_stage_is_named_relatively_so_both_can_move_together(tmp_path):
+    (tmp_path / "a" / "shots").mkdir(parents=True)
+    (tmp_path / "a" / "edits").mkdir()
+    path, tracks = fit(tmp_path / "a" / "shots")
+    after = changed(tracks, 1, slice(None), "brighten")
+    write_edit_layer(tmp_path / "a" / "edits" / "edit.usda", path, after, [1])
+    (tmp_path / "a").rename(tmp_path / "b")
+    moved = tmp_path / "b" / "edits" / "edit.usda"
+    layer = Sdf.Layer.FindOrOpen(str(moved))
+    assert list(layer.subLayerPaths) == ["../shots/fit.usda"]
+    assert lint_stage(moved) == []
+    np.testing.assert_allclose(
+        read_usd(moved).lobes.amplitude, after.lobes.amplitude, rtol=ROUNDING
+    )
+
+
+def test_no_edit_gives_a_layer_that_adds_nothing(tmp_path):
+    path, tracks = fit(tmp_path)
+    report = write_edit_layer(tmp_path / "edit.usda", path, tracks, [0, 1, 2])
+    assert report.files == (tmp_path / "edit.usda",)
+    assert report.samples_written == 0
+    assert_shows_what_writing_shows(tmp_path / "edit.usda", tracks)
+
+
+def test_a_light_that_was_changed_by_hand_stays_on_the_lobes_that_were_not_edited(tmp_path):
+    path, tracks = fit(tmp_path)
+    place = "/AsgRig{representation=cards}Lobes/lobe_00.inputs:intensity"
+
+    def dim(layer: Sdf.Layer) -> None:
+        for time in layer.ListTimeSamplesForPath(place):
+            layer.EraseTimeSample(place, time)
+        layer.GetAttributeAtPath(place).default = 0.25
+
+    edited(path, dim)
+    after = changed(tracks, 1, slice(None), "turn")
+    write_edit_layer(tmp_path / "edit.usda", path, after, [1])
+    _, values = shown(tmp_path / "edit.usda", Representation.CARDS)[
+        "/AsgRig/Lobes/lobe_00.inputs:intensity"
+    ]
+    assert set(values) == {0.25}
+
+
+def test_a_lobe_that_was_switched_off_keeps_the_names_of_the_others(tmp_path):
+    path, _ = fit(tmp_path)
+    edited(path, lambda layer: setattr(layer.GetPrimAtPath("/AsgRig/Lobes/lobe_00"), "active", 0))
+    after = changed(read_usd(path), 0, slice(None), "brighten")
+    write_edit_layer(tmp_path / "edit.usda", path, after, [0])
+    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "edit.usda"))
+    assert layer.GetAttributeAtPath("/AsgRig/Lobes/lobe_01.asg:amplitude")
+    np.testing.assert_allclose(
+        read_usd(tmp_path / "edit.usda").lobes.amplitude, after.lobes.amplitude, rtol=ROUNDING
+    )
+
+
+def test_metadata_that_changed_comes_back(tmp_path):
+    path, tracks = fit(tmp_path)
+    after = replace(tracks, metadata={"note": "größer", "none": None})
+    write_edit_layer(tmp_path / "edit.usda", path, after, [])
+    assert read_usd(tmp_path / "edit.usda").metadata == after.metadata
+    assert read_usd(tmp_path / "edit.usda").frames == FRAMES
+
+
+def test_a_stage_whose_images_are_gone_gets_new_ones(tmp_path):
+    path, tracks = fit(tmp_path)
+    for image in (tmp_path / "fit_dome").iterdir():
+        image.unlink()
+    write_edit_layer(tmp_path / "edit.usda", path, changed(tracks, 0, slice(1), "turn"), [0])
+    assert lint_stage(tmp_path / "edit.usda") == []
+
+
+def test_a_fault_of_the_stage_below_is_not_a_fault_of_the_edit(tmp_path):
+    path, tracks = fit(tmp_path)
+    edited(path, lambda layer: layer.pseudoRoot.ClearInfo("upAxis"))
+    write_edit_layer(tmp_path / "edit.usda", path, changed(tracks, 0, slice(1), "turn"), [0])
+    assert lint_stage(tmp_path / "edit.usda") == lint_stage(path) != []
+
+
+def refused(*arguments) -> str:
+    with pytest.raises(InputError) as caught:
+        write_edit_layer(*arguments)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_files_of_the_stage_are_never_replaced(tmp_path):
+    path, tracks = fit(tmp_path)
+    after = changed(tracks, 0, slice(None), "turn")
+    write_edit_layer(tmp_path / "edit.usda", path, after, [0])
+    write_edit_layer(tmp_path / "edit.usda", path, after, [0])  # a layer may be written again
+    path.rename(tmp_path / "shot.usda")  # whose images still lie in fit_dome
+    (tmp_path / "edit.usda").unlink()
+    write_edit_layer(tmp_path / "edit.usda", tmp_path / "shot.usda", after, [0])
+    (tmp_path / "link.usda").symlink_to(tmp_path / "shot.usda")
+    before = contents(tmp_path)
+    for source, target in [
+        ("shot.usda", "shot.usda"),
+        ("shot.usda", "shot.usdc"),
+        ("shot.usda", "fit.usda"),
+        ("shot.usda", "link.usda"),
+        ("edit.usda", "shot.usda"),
+        ("edit.usda", "edit.usd"),
+    ]:
+        tracks = read_usd(tmp_path / source)
+        message = refused(tmp_path / target, tmp_path / source, tracks, [0])
+        assert message.startswith(f"{tmp_path / target}: would replace files of {tmp_path}/")
+        assert message.endswith(", which is edited; expected another name or folder.")
+    assert contents(tmp_path) == before
+
+
+def test_tracks_of_another_stage_are_refused(tmp_path):
+    path, tracks = fit(tmp_path)
+    expected = "does not hold the lobes that were edited; expected the stage as it was read"
+    for other in (
+        replace(tracks, fps=25.0),
+        moving(FRAMES, form=Form.SG),
+        moving(FRAMES, lobes=4),
+        still(),
+        changed(tracks, 1, slice(None), "turn"),
+    ):
+        assert expected in refused(tmp_path / "edit.usda", path, other, [0])
+    with pytest.raises(ValueError, match=r"edited: \[3\] of 3 lobes"):
+        write_edit_layer(tmp_path / "edit.usda", path, tracks, [3])
+    assert not (tmp_path / "edit.usda").exists()
+
+
+def test_what_cannot_be_written_is_named(tmp_path):
+    path, tracks = fit(tmp_path)
+    assert "no such file" in refused(tmp_path / "edit.usda", tmp_path / "no.usda", tracks, [])
+    assert "extension '.txt'" in refused(tmp_path / "edit.txt", path, tracks, [])
+    tracks.lobes.sharpness[0, 0, 0] = -1
+    assert "sharpness of lobe 0" in refused(tmp_path / "edit.usda", path, tracks, [0])
+
+
+def test_a_stage_without_cards_is_named(tmp_path):
+    path, tracks = fit(tmp_path)
+
+    def strip(layer: Sdf.Layer) -> None:
+        for index in range(3):
+            prim = layer.GetPrimAtPath(f"/AsgRig{{representation=cards}}Lobes/lobe_0{index}")
+            prim.RemoveProperty(prim.properties["xformOp:translate:dist"])
+
+    edited(path, strip)
+    message = refused(tmp_path / "edit.usda", path, tracks, [0])
+    assert "no xformOp:translate:dist on a card; expected a stage that asglight wrote" in message
+
+
+@pytest.mark.skipif(not os.path.isdir("/sys"), reason="needs a folder that even root cannot write")
+def test_a_folder_without_permission_is_named(tmp_path):
+    path, tracks = fit(tmp_path)
+    message = refused("/sys/edit.usda", path, changed(tracks, 0, slice(1), "turn"), [0])
+    assert message.startswith("/sys/edit.usda: cannot be written (")
+
+
+LIMITED = """
+import resource, sys
+from asglight.errors import InputError
+from asglight.usd import read_usd, write_edit_layer
+resource.setrlimit(resource.RLIMIT_FSIZE, (1200, 1200))
+for folder in sys.argv[1:]:
+    tracks = read_usd(folder + "/fit.usda")
+    tracks.lobes.amplitude[:, 0] *= 2
+    try:
+        write_edit_layer(folder + "/edit.usda", folder + "/fit.usda", tracks, [0])
+    except InputError as error:
+        print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on the size of files")
+def test_a_full_disk_leaves_everything_as_it_was(tmp_path):
+    """The disk is full at the layer in one folder, at an image of the dome in the other."""
+    folders = [tmp_path / "layer", tmp_path / "image"]
+    for folder, height in zip(folders, (2, 64), strict=True):
+        folder.mkdir()
+        write_usd(moving(range(40)), folder / "fit.usda", dome_height=height)
+        after = changed(read_usd(folder / "fit.usda"), 0, slice(None), "turn")
+        write_edit_layer(folder / "edit.usda", folder / "fit.usda", after, [0])
+    before = contents(tmp_path)
+    arguments = [sys.executable, "-c", LIMITED, *map(str, folders)]
+    result = subprocess.run(arguments, capture_output=True, text=True, check=True)
+    first, second = result.stdout.splitlines()
+    assert first.startswith(f"{folders[0]}/edit.usda: cannot be written"), result.stderr
+    assert second.startswith(f"{folders[1]}/edit_dome/edit.0000.exr: cannot be written")
+    assert contents(tmp_path) == before
