@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading the frames of a shot, one ahead of the frame that is being fitted."""
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, TypeVar
 
 from asglight.errors import InputError
 from asglight.images import LatlongImage, Sequence
 from asglight.images.message import shown
+
+_Image = TypeVar("_Image")
 
 
 class ReadFrame(NamedTuple):
@@ -28,13 +31,21 @@ def read_ahead(sequence: Sequence, frames: list[int]) -> Generator[ReadFrame]:
     Raises:
         InputError: A frame cannot be read; raised when its turn comes.
     """
+    return one_ahead(partial(_read, sequence), frames)
+
+
+def one_ahead(read: Callable[[int], _Image], frames: list[int]) -> Generator[_Image]:
+    """Call a function for frames in order in a thread, at most one beyond the frame in use.
+
+    What it raises is raised when the frame's turn comes.
+    """
     if not frames:
         return
     with ThreadPoolExecutor(1, "asglight-read") as reader:
-        pending = reader.submit(_read, sequence, frames[0])
+        pending = reader.submit(read, frames[0])
         for following in frames[1:]:
             ready = pending.result()
-            pending = reader.submit(_read, sequence, following)
+            pending = reader.submit(read, following)
             yield ready
         yield pending.result()
 
