@@ -37,7 +37,7 @@ def distribution(sin2_half: Tensor, alpha: float) -> Tensor:
     return (alpha2 / math.pi) / (shape * shape)
 
 
-def visibility(cos_view: Tensor, cos_light: Tensor, alpha: float) -> Tensor:
+def visibility(cos_view: Tensor, cos_light: Tensor, alpha: float | Tensor) -> Tensor:
     """Return `V = G2 / (4 n.v n.l)`, height-correlated.
 
     Args:
