@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 
-.PHONY: help setup demo bench-fit test test-fast lint format clean
+.PHONY: help setup demo pictures bench-fit test test-fast lint format clean
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -22,6 +22,13 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 
 demo: setup      ## the main job on the built-in sequence, ending in pictures (demo-output/)
 	$(BIN)/asglight demo -o demo-output
+
+pictures: setup  ## the viewer on SEQUENCES, as the README shows it (docs/images/viewer-*.png)
+	for name in day tunnel handheld; do \
+	  $(BIN)/asglight fit "$(SEQUENCES)/$$name" -o pictures/$$name.usda --resume && \
+	  $(BIN)/asglight view pictures/$$name.usda --reference "$(SEQUENCES)/$$name" \
+	    --frame 1012 --screenshot docs/images/viewer-$$name.png || exit; \
+	done
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
 	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
@@ -42,4 +49,4 @@ format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) demo-output bench-fit test-artifacts dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo-output pictures bench-fit test-artifacts dist .pytest_cache .ruff_cache .hypothesis

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Start the viewer from a checkout: `python viewer.py shot.usda`."""
+"""`asglight view` from a checkout, installed or not: `python viewer.py shot.usda`."""
 
 import sys
 
 if __name__ == "__main__":
-    from asglight.viewer.app import main
+    from asglight.cli.main import main
 
-    sys.exit(main())
+    sys.exit(main(["view", *sys.argv[1:]]))

@@ -1,17 +1,102 @@
 // SPDX-License-Identifier: Apache-2.0
-// Linear radiance -> sRGB, texel by texel: the only pass that knows exposure, tone curve and sRGB.
+// Linear radiance of one picture, or of two that are compared -> sRGB. The only pass that knows
+// exposure, view transform and sRGB.
+//
+// Special programs: COMPARES where two pictures are sampled, TRANSFORM the one VIEW_TRANSFORM_ number
+// that it has (drivers without a GPU run both sides of an `if`).
 #version 410 core
 
 #include "lib/display.glsl"
 
-uniform sampler2D u_radiance;  // same size as the target
+#ifndef TRANSFORM
+#define TRANSFORM VIEW_TRANSFORM_SRGB
+#endif
+
+// A picture is two layers: what is in front, its radiance multiplied by its coverage in alpha, and
+// the background behind it.
+uniform sampler2D u_fit;
+uniform sampler2D u_fit_background;
+#ifdef COMPARES
+uniform sampler2D u_reference;
+uniform sampler2D u_reference_background;
+uniform int u_comparison;  // a COMPARISON_ number
+uniform float u_wipe;  // share of the columns that show the fit
+#endif
+uniform bool u_has_background;
+
+uniform vec4 u_area;  // x, y, columns and rows of the target that the picture fills
 uniform float u_exposure_ev;
-uniform int u_tone_curve;  // a TONE_CURVE_ number
+uniform int u_channel;  // a CHANNEL_ number
+uniform bool u_zebra;
+uniform sampler2D u_scale;  // colours of false colour or of differences, one row
+uniform vec3 u_surround;  // sRGB where there is neither ball nor background
 
 layout(location = 0) out vec4 o_color;
 
+// Return radiance (not multiplied) and coverage.
+vec4 picture(sampler2D front, sampler2D background, vec2 uv) {
+    vec4 texel = texture(front, uv);
+    if (u_has_background) {
+        texel += vec4(texture(background, uv).rgb, 1.0) * (1.0 - texel.a);
+    }
+    return vec4(texel.rgb / max(texel.a, 1e-6), texel.a);  // 1e-6: no coverage, any colour
+}
+
+vec3 scale_colour(float place) {
+    float samples = float(textureSize(u_scale, 0).x);
+    return texture(u_scale, vec2((place * (samples - 1.0) + 0.5) / samples, 0.5)).rgb;
+}
+
+// Return the sRGB colour of exposed radiance.
+vec3 shown(vec3 radiance) {
+#if TRANSFORM == VIEW_TRANSFORM_FALSE_COLOUR
+    return scale_colour(display_stops_place(display_luminance(radiance)));
+#else
+    vec3 channel = display_channel(radiance, u_channel);
+    bool clips = max(max(channel.r, channel.g), channel.b) > 1.0;
+    if (u_zebra && clips) {
+        return vec3(mod(gl_FragCoord.x + gl_FragCoord.y, 8.0) < 4.0 ? 1.0 : 0.0);
+    }
+#if TRANSFORM == VIEW_TRANSFORM_FILMIC
+    return display_srgb(display_filmic(channel));
+#else
+    return display_srgb(clamp(channel, 0.0, 1.0));
+#endif
+#endif
+}
+
+#ifdef COMPARES
+// Return the value that differences are taken of: a channel, or the luminance.
+float compared(vec3 radiance) {
+    return u_channel == CHANNEL_RGB
+        ? display_luminance(radiance) : display_channel(radiance, u_channel).r;
+}
+
+// Return the colour of two pictures compared, and its coverage.
+vec4 compared_colour(vec4 fit, vec4 reference, vec2 uv) {
+    vec3 fit_exposed = display_exposed(fit.rgb, u_exposure_ev);
+    vec3 reference_exposed = display_exposed(reference.rgb, u_exposure_ev);
+    if (u_comparison == COMPARISON_WIPE) {
+        return uv.x < u_wipe ? vec4(shown(fit_exposed), fit.a)
+                             : vec4(shown(reference_exposed), reference.a);
+    }
+    float of_fit = compared(fit_exposed);
+    float of_reference = compared(reference_exposed);
+    float place = u_comparison == COMPARISON_RATIO
+        ? display_ratio_place(of_fit, of_reference)
+        : display_difference_place(of_fit, of_reference);
+    return vec4(scale_colour(place), max(fit.a, reference.a));
+}
+#endif
+
 void main() {
-    vec3 radiance = texelFetch(u_radiance, ivec2(gl_FragCoord.xy), 0).rgb;
-    vec3 exposed = display_exposed(radiance, u_exposure_ev);
-    o_color = vec4(display_srgb(display_tone_mapped(exposed, u_tone_curve)), 1.0);
+    vec2 uv = (gl_FragCoord.xy - u_area.xy) / u_area.zw;
+    vec4 fit = picture(u_fit, u_fit_background, uv);
+#ifdef COMPARES
+    vec4 reference = picture(u_reference, u_reference_background, uv);
+    vec4 color = compared_colour(fit, reference, uv);
+#else
+    vec4 color = vec4(shown(display_exposed(fit.rgb, u_exposure_ev)), fit.a);
+#endif
+    o_color = vec4(mix(u_surround, color.rgb, color.a), 1.0);
 }

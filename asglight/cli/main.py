@@ -24,6 +24,7 @@ COMMANDS = {
     "fit": "fit lobes to an image or sequence and write them as USD lights",
     "eval": "measure the error of a stage against the images it was fitted to",
     "info": "show what a stage holds",
+    "view": "show lobes and images in a window, or write a picture of them",
     "demo": "fit the built-in moving environment and draw what came out",
 }
 _MODULES = {name: f"asglight.cli.{name}" for name in COMMANDS} | {"eval": "asglight.cli.evaluate"}

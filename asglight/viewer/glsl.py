@@ -73,7 +73,7 @@ def fragment_shaders() -> list[str]:
 
 
 def enum_defines(enum: type[Enum]) -> dict[str, int]:
-    """Number the members of an enum: `ToneCurve.CLIP` gives `TONE_CURVE_CLIP`."""
+    """Number the members of an enum: `ViewTransform.SRGB` gives `VIEW_TRANSFORM_SRGB`."""
     prefix = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", enum.__name__).upper()
     return {f"{prefix}_{member.name}": enum_number(member) for member in enum}
 
@@ -84,7 +84,7 @@ def enum_number(member: Enum) -> int:
 
 
 def expanded(
-    name: str, defines: Mapping[str, int] | None = None, folder: Path | None = None
+    name: str, defines: Mapping[str, float] | None = None, folder: Path | None = None
 ) -> ShaderSource:
     """Read a shader file and expand its includes.
 

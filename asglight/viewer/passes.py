@@ -7,15 +7,66 @@ gives the image's rows from the top.
 Symbols: N lobes; H, W rows and columns of a target, sizes written (W, H) as OpenGL does.
 """
 
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
 import moderngl
 import numpy as np
 
 from asglight.lobes import Form, Lobes
+from asglight.shading import ggx_lobes
+from asglight.shading.sheets import Window
 from asglight.viewer import glsl
-from asglight.viewer.state import MAX_LOBES, Display, ToneCurve
+from asglight.viewer.display import (
+    FALSE_COLOUR_EV,
+    MIDDLE_GREY,
+    RATIO_EV,
+    Channel,
+    Comparison,
+    Display,
+    ViewTransform,
+)
+from asglight.viewer.state import MAX_LOBES
 
-DEFINES = {"MAX_LOBES": MAX_LOBES, **glsl.enum_defines(Form), **glsl.enum_defines(ToneCurve)}
+_GGX_LOBES_CONSTANTS = (
+    *("COS_VIEW_MIN", "SIN_VIEW_MIN", "UNSHARP_MIN", "OPPOSITE_MIN", "PROBABILITY_MIN"),
+    *("COS_LIGHT_MIN", "DISC_A", "DISC_B", "DISC_C"),
+)
+
+DEFINES: Mapping[str, float] = {
+    "MAX_LOBES": MAX_LOBES,
+    "MAX_SHEETS": 2 * MAX_LOBES,
+    "BROAD_TERMS": ggx_lobes.TERMS,
+    **{name: getattr(ggx_lobes, name) for name in _GGX_LOBES_CONSTANTS},
+    "MIDDLE_GREY": MIDDLE_GREY,
+    "FALSE_COLOUR_EV": FALSE_COLOUR_EV,
+    "RATIO_EV": RATIO_EV,
+    **glsl.enum_defines(Form),
+    **glsl.enum_defines(ViewTransform),
+    **glsl.enum_defines(Channel),
+    **glsl.enum_defines(Comparison),
+    **glsl.enum_defines(Window),
+}
 """The constants that Python and GLSL share."""
+
+SURROUND = (0.16, 0.16, 0.16)
+"""sRGB around the balls: dark and neutral, so that neither edge nor colour of a ball is misread."""
+
+STOPS_SCALE = "viridis"
+"""matplotlib's name of the false-colour scale: even steps, also for colour-blind eyes."""
+
+DIVERGING_SCALE = "RdBu_r"
+"""matplotlib's name of the scale of differences: white where equal, red where the fit is larger."""
+
+_NO_SCALE = "none"
+
+_DISPLAY_TEXTURES = (
+    "u_scale",
+    "u_fit",
+    "u_fit_background",
+    "u_reference",
+    "u_reference_background",
+)
 
 _HEADER = np.dtype([("count", "<i4"), ("form", "<i4"), ("padding", "<i4", 2)])
 _LOBE = np.dtype(
@@ -31,10 +82,12 @@ _LOBE = np.dtype(
 _BLOCK_BYTES = _HEADER.itemsize + MAX_LOBES * _LOBE.itemsize
 
 
-def pass_program(context: moderngl.Context, fragment: str) -> moderngl.Program:
-    """Compile the pass of a fragment shader in shaders/."""
+def pass_program(
+    context: moderngl.Context, fragment: str, special: Mapping[str, float] | None = None
+) -> moderngl.Program:
+    """Compile the pass of a fragment shader in shaders/, with constants of one scene if any."""
     vertex = glsl.expanded(glsl.VERTEX_SHADER)
-    return glsl.program(context, vertex, glsl.expanded(fragment, DEFINES))
+    return glsl.program(context, vertex, glsl.expanded(fragment, {**DEFINES, **(special or {})}))
 
 
 def radiance_target(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Framebuffer:
@@ -95,34 +148,160 @@ class LobesPass:
         self._block.write(packed_lobes(lobes))
         self._block.bind_to_uniform_block(0)
         self._program["u_size"] = target.size
-        _cover(self._context, self._triangle, target)
+        cover(self._context, self._triangle, target)
 
 
-class DisplayPass:
-    """Linear radiance -> exposure, tone curve, sRGB (shaders/display.frag)."""
+class BackgroundPass:
+    """A latlong map -> the radiance behind the balls (shaders/background.frag)."""
 
     def __init__(self, context: moderngl.Context) -> None:
         """Compile the pass."""
         self._context = context
-        self._program = pass_program(context, "display.frag")
-        self._program["u_radiance"] = 0
+        self._program = pass_program(context, "background.frag")
+        self._program["u_latlong"] = 0
         self._triangle = context.vertex_array(self._program, [])
 
     def draw(
-        self, radiance: moderngl.Texture, display: Display, target: moderngl.Framebuffer
+        self,
+        latlong: moderngl.Texture,
+        camera_from_environment: np.ndarray,
+        target: moderngl.Framebuffer,
     ) -> None:
-        """Draw radiance, texel by texel, into a display target of the same size."""
-        assert radiance.size == target.size, (radiance.size, target.size)
-        radiance.use(location=0)
-        self._program["u_exposure_ev"] = display.exposure_ev
-        self._program["u_tone_curve"] = glsl.enum_number(display.tone_curve)
-        _cover(self._context, self._triangle, target)
+        """Draw a latlong map, 90 degrees of it across a radiance target, as a camera sees it.
+
+        Args:
+            latlong: Radiance, filtered linearly, repeating in columns.
+            camera_from_environment: A rotation.  [3, 3]
+            target: A radiance target.
+        """
+        latlong.use(location=0)
+        self._program["u_size"] = target.size
+        # OpenGL stores columns
+        self._program["u_camera_from_environment"].write(
+            camera_from_environment.T.astype("f4").tobytes()
+        )
+        cover(self._context, self._triangle, target)
 
 
-def _cover(
-    context: moderngl.Context, triangle: moderngl.VertexArray, target: moderngl.Framebuffer
+class Picture(NamedTuple):
+    """Linear radiance to be shown, of any size.
+
+    Attributes:
+        front: RGB multiplied by the coverage in alpha.
+        background: What shows through, or None.
+    """
+
+    front: moderngl.Texture
+    background: moderngl.Texture | None = None
+
+
+class DisplayPass:
+    """Linear radiance -> exposure, view transform, sRGB (shaders/display.frag)."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        """Prepare the pass; a program is compiled when a view first needs it."""
+        self._context = context
+        self._triangles: dict[tuple[bool, ViewTransform], moderngl.VertexArray] = {}
+        self._scales: dict[str, moderngl.Texture] = {}
+
+    def draw(
+        self,
+        fit: Picture,
+        reference: Picture | None,
+        display: Display,
+        comparison: Comparison,
+        target: moderngl.Framebuffer,
+        *,
+        gain_ev: float = 0.0,
+        wipe: float = 0.5,
+        area: tuple[int, int, int, int] | None = None,
+    ) -> None:
+        """Draw one picture, or two compared, into a display target.
+
+        Args:
+            fit: Shown by FIT, and left of a wipe.
+            reference: Shown by REFERENCE, and right of a wipe; not needed by FIT.
+            display: How radiance is shown.
+            comparison: Which of them; ROWS is two draws, of FIT and of REFERENCE.
+            target: A display target.
+            gain_ev: Stops added to the exposure: the environment's intensity.
+            wipe: Share of the columns left of the wipe.
+            area: x, y, columns and rows of the target to fill; row 0 is the top. All by default.
+        """
+        compares = comparison in (Comparison.WIPE, Comparison.DIFFERENCE, Comparison.RATIO)
+        first = reference if comparison is Comparison.REFERENCE else fit
+        assert first is not None
+        pictures = [first]
+        values: dict[str, Any] = {
+            "u_area": tuple(map(float, area or (0, 0, *target.size))),
+            "u_exposure_ev": display.exposure_ev + gain_ev,
+            "u_channel": glsl.enum_number(display.channel),
+            "u_zebra": display.zebra,
+        }
+        if compares:
+            assert reference is not None
+            pictures.append(reference)
+            values |= {"u_comparison": glsl.enum_number(comparison), "u_wipe": wipe}
+        values["u_has_background"] = all(picture.background for picture in pictures)
+        triangle = self._triangle(compares, display.transform)
+        self._scale(_scale_name(display, comparison)).use(location=0)
+        for unit, picture in enumerate(pictures):
+            picture.front.use(location=2 * unit + 1)
+            # Without a background the front stands in: it is bound and not used.
+            (picture.background or picture.front).use(location=2 * unit + 2)
+        for name, value in values.items():
+            if name in triangle.program:  # a view leaves out what it has no use for
+                triangle.program[name] = value
+        cover(self._context, triangle, target, area)
+
+    def _triangle(self, compares: bool, transform: ViewTransform) -> moderngl.VertexArray:
+        """Return the program of a view, with what it draws; compile it if it is new."""
+        key = compares, transform
+        if key not in self._triangles:
+            special = {"TRANSFORM": glsl.enum_number(transform)}
+            if compares:
+                special["COMPARES"] = 1
+            program = pass_program(self._context, "display.frag", special)
+            for unit, name in enumerate(_DISPLAY_TEXTURES):
+                if name in program:
+                    program[name] = unit
+            program["u_surround"] = SURROUND
+            self._triangles[key] = self._context.vertex_array(program, [])
+        return self._triangles[key]
+
+    def _scale(self, name: str) -> moderngl.Texture:
+        """Return a colour scale of matplotlib as one row of sRGB."""
+        if name not in self._scales:
+            colours = scale_colours(name)
+            texture = self._context.texture((len(colours), 1), 3, colours.tobytes(), alignment=1)
+            texture.repeat_x = False
+            self._scales[name] = texture
+        return self._scales[name]
+
+
+def scale_colours(name: str) -> np.ndarray:
+    """Return 256 sRGB colours of a colour scale, 8 bits; one grey where none is needed.  [., 3]."""
+    if name == _NO_SCALE:
+        return np.zeros((1, 3), np.uint8)
+    import matplotlib  # slow to import, and needed for false colour only
+
+    return matplotlib.colormaps[name](np.arange(256), bytes=True)[:, :3].copy()
+
+
+def _scale_name(display: Display, comparison: Comparison) -> str:
+    if comparison in (Comparison.DIFFERENCE, Comparison.RATIO):
+        return DIVERGING_SCALE
+    return STOPS_SCALE if display.transform is ViewTransform.FALSE_COLOUR else _NO_SCALE
+
+
+def cover(
+    context: moderngl.Context,
+    triangle: moderngl.VertexArray,
+    target: moderngl.Framebuffer,
+    area: tuple[int, int, int, int] | None = None,
 ) -> None:
-    """Draw over a whole target, whatever state the last user of the context left behind."""
+    """Draw over a target or an area of it, whatever state the last user of the context left."""
     target.use()
     context.enable_only(moderngl.NOTHING)
+    target.viewport = area or (0, 0, *target.size)
     triangle.render(moderngl.TRIANGLES, vertices=3)

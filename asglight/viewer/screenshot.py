@@ -1,61 +1,81 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The viewer's picture as a PNG file, drawn off screen: no display is needed."""
+"""The window as a PNG file, drawn off screen: neither a display nor a GPU is needed."""
 
-import contextlib
-import os
-import secrets
-from pathlib import Path
+import sys
+import time
+import warnings
 
 import numpy as np
-from PIL import Image
+from imgui_bundle import hello_imgui
+
+# After imgui_bundle: the first of the two to be imported decides whose GLFW both use.
+import glfw  # isort: skip
 
 from asglight.errors import InputError
-from asglight.images.message import shown
-from asglight.viewer.context import standalone_context
-from asglight.viewer.renderer import Renderer
-from asglight.viewer.state import ViewerState
+from asglight.viewer.context import no_opengl
+from asglight.viewer.running import run
+from asglight.viewer.session import Session
+from asglight.viewer.window import Window
+
+PICTURES_MIN = 4
+"""Pictures until docked panels have found their sizes."""
+
+PROGRESS = 0.25
+"""Share of a finished reference that is waited for: half of its noise is below a step of 8 bits."""
+
+PATIENCE_S = 60.0
+"""A slow machine gets a noisier reference rather than none."""
 
 
-def picture(state: ViewerState, size: tuple[int, int]) -> np.ndarray:
-    """Draw a state off screen.
+def window_picture(session: Session, size: tuple[int, int], *, is_bare: bool = False) -> np.ndarray:
+    """Draw the window of a session off screen.
 
     Args:
-        state: What to show.
+        session: What to show.
         size: Columns and rows, (W, H).
+        is_bare: Whether to leave the panels out: the balls alone.
 
     Returns:
-        sRGB, 8 bits, row 0 = +Y.  [H, W, 3]
-    """
-    context = standalone_context()
-    try:
-        target = Renderer(context, size).draw(state)
-        pixels = np.frombuffer(target.read(components=3, alignment=1), np.uint8)
-        return pixels.reshape(size[1], size[0], 3)
-    finally:
-        context.release()
-
-
-def write_png(path: Path, pixels: np.ndarray) -> None:
-    """Write a PNG file beside its target and rename it, so a failure leaves the target as it was.
-
-    Args:
-        path: The target; its folder must exist.
-        pixels: sRGB, 8 bits.  [H, W, 3]
+        sRGB, 8 bits, row 0 at the top.  [H, W, 3]
 
     Raises:
-        InputError: The file cannot be written there.
+        InputError: There is no OpenGL that is new enough.
     """
-    # A name of its own, so that two writers of one target do not meet; hidden from folder scans.
-    temporary = path.parent / f".asglight-{secrets.token_hex(4)}.png"
-    try:
-        Image.fromarray(pixels).save(temporary, format="PNG")
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(
-            f"{shown(path)}: cannot be written ({error.strerror or error}); expected a folder "
-            "with room and the permission to write. Check the output path."
-        ) from error
-    finally:
-        # Nothing to remove after success or in a folder that is none; the error above says more.
-        with contextlib.suppress(OSError):
-            temporary.unlink()
+    use_no_display()
+    window = _Photographed(session)
+    run(window, size, is_bare=is_bare, is_hidden=True)
+    pixels = hello_imgui.final_app_window_screenshot()
+    return np.ascontiguousarray(pixels[..., :3])
+
+
+class _Photographed(Window):
+    """A window that closes itself when its picture is complete."""
+
+    def __init__(self, session: Session) -> None:
+        super().__init__(session, lambda _path: None)
+        self._pictures = 0
+        self._began = time.monotonic()
+
+    def before_picture(self) -> None:
+        """Count pictures."""
+        super().before_picture()
+        self._pictures += 1
+        is_late = time.monotonic() - self._began > PATIENCE_S
+        is_drawn = self._pictures > PICTURES_MIN and self.renderer.reference_progress >= PROGRESS
+        hello_imgui.get_runner_params().app_shall_exit = is_drawn or is_late
+
+
+def use_no_display() -> None:
+    """Let GLFW make windows that exist only in memory; elsewhere than on Linux they are hidden.
+
+    Raises:
+        InputError: GLFW cannot start.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", glfw.GLFWError)  # said in the InputError instead
+        if not glfw.init():
+            raise InputError(no_opengl("GLFW cannot start"))
+    glfw.window_hint(glfw.CONTEXT_CREATION_API, glfw.EGL_CONTEXT_API)

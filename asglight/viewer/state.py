@@ -1,94 +1,290 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the viewer shows: plain data, the single truth of a session. No OpenGL, no window."""
 
-from bisect import bisect_left
+import math
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import Enum, auto
+
+import numpy as np
+import torch
 
 from asglight.errors import InputError
-from asglight.lobes import Lobes, LobeTracks
+from asglight.lobes import Lobes, LobeTracks, asg
+from asglight.usd.schema import lobe_names
+from asglight.viewer.balls import WHITE, Ball, Material, Rgb, ball_row
+from asglight.viewer.camera import Camera
+from asglight.viewer.display import (
+    EXPOSURE_EV_STEP,
+    LUMINANCE,
+    MIDDLE_GREY,
+    Comparison,
+    Display,
+    Subject,
+)
+from asglight.viewer.editing import Editing
+from asglight.viewer.edits import EditHistory
+from asglight.viewer.picking import energies
+from asglight.viewer.playback import Playback
+from asglight.viewer.reference import Reference
 
 MAX_LOBES = 128
 """Lobes in a frame: 8 KiB of the 16 KiB that every OpenGL has for a uniform block."""
 
-EXPOSURE_EV_MAX = 20.0
-"""Stops up and down: 2^-20 brings a sun of a million into range."""
-
-EXPOSURE_EV_STEP = 0.5
-"""Stops for one press of a key."""
+INTENSITY_EV_MAX = 10.0
+"""Stops by which the environment can be made brighter or darker."""
 
 
-class ToneCurve(StrEnum):
-    """How exposed radiance is brought into [0, 1] before the sRGB transfer."""
+class Request(Enum):
+    """What only the window can do; it empties the list after every picture."""
 
-    CLIP = "clip"
-    """Clipped at 1: below it, the picture is plain sRGB."""
-    REINHARD = "reinhard"
-    """`L / (1 + L)` per channel (Reinhard et al. 2002): every light keeps its shape."""
+    OPEN = auto()
+    SAVE_EDITS = auto()
+    SAVE_PICTURE = auto()
 
 
 @dataclass
-class Display:
-    """How radiance is shown.
+class Environment:
+    """The environment around the balls.
 
     Attributes:
-        exposure_ev: Stops; radiance is multiplied by 2^exposure_ev.
-        tone_curve: What happens above 1.
+        intensity_ev: Stops added to all of its radiance.
+        is_shown: Whether it is seen behind the balls.
     """
 
-    exposure_ev: float = 0.0
-    tone_curve: ToneCurve = ToneCurve.CLIP
-
-    def expose(self, stops: float) -> None:
-        """Change the exposure, within +-EXPOSURE_EV_MAX."""
-        wanted = self.exposure_ev + stops
-        self.exposure_ev = max(-EXPOSURE_EV_MAX, min(EXPOSURE_EV_MAX, wanted))
+    intensity_ev: float = 0.0
+    is_shown: bool = False
 
 
 @dataclass
+class Selection:
+    """Which lobes are looked at, and which light.
+
+    Attributes:
+        lobe: Index of the selected one.
+        solo: While there are any, only these light.
+        muted: These do not.
+    """
+
+    lobe: int | None = None
+    solo: set[int] = field(default_factory=set)
+    muted: set[int] = field(default_factory=set)
+
+    def lights(self, lobe: int) -> bool:
+        """Tell whether a lobe takes part."""
+        return lobe not in self.muted and (not self.solo or lobe in self.solo)
+
+
+@dataclass
+class Compared:
+    """What is shown of the fit and its reference.
+
+    Attributes:
+        comparison: Which of both.
+        subject: What counts as fit and as reference.
+        wipe: Share of the columns left of the wipe.
+        is_flipped: Whether a held key shows the other one.
+    """
+
+    comparison: Comparison = Comparison.FIT
+    subject: Subject = Subject.TOTAL
+    wipe: float = 0.5
+    is_flipped: bool = False
+
+    @property
+    def shown(self) -> Comparison:
+        """What is shown now: while flipped, the reference; the fit where that is shown already."""
+        if not self.is_flipped:
+            return self.comparison
+        is_reference = self.comparison is Comparison.REFERENCE
+        return Comparison.FIT if is_reference else Comparison.REFERENCE
+
+
+@dataclass(frozen=True)
+class Inspected:
+    """What lies under the pointer.
+
+    Attributes:
+        place: Where: the map, or a ball's name.
+        direction: In the environment's coordinates; on a ball, what a mirror would show.  [3]
+        fit: Radiance of what is shown as fit.  [3]
+        reference: Of what is shown as reference, where there is one.  [3]
+        shares: Indices of the lobes that send light from the direction, and their share of its
+            luminance, the largest first.
+    """
+
+    place: str
+    direction: np.ndarray
+    fit: np.ndarray | None
+    reference: np.ndarray | None
+    shares: list[tuple[int, float]]
+
+
 class ViewerState:
     """A session of the viewer.
 
     Attributes:
-        tracks: The document, with at least one frame.
-        frame_index: Place of the shown frame in `tracks.frames`.
-        display: How its radiance is shown.
+        history: The tracks with their edits.
+        playback: The playhead.
+        references: Images of the same frames to compare with, or None.
+        display: How radiance is shown.
+        camera: Where the balls are seen from.
+        environment: What is around them.
+        compared: What the balls show of fit and reference.
+        map_view: What the map shows of them.
+        selection: Which lobes are looked at and which light.
+        material: What the balls are made of.
+        base_colour: Their colour, linear RGB.
+        is_dragging: Whether the mouse changes something at this moment.
+        has_panels: Whether the panels are shown beside the balls.
+        has_help: Whether the list of keys is shown.
+        message: One line about what was done or went wrong last.
+        inspected: What the pointer was over last.
+        editing: Where the sliders of the selected lobe stand.
+        moves_wipe: Whether the drag that goes on began on the wipe line.
+        requests: What the window is to do.
     """
 
-    tracks: LobeTracks
-    frame_index: int = 0
-    display: Display = field(default_factory=Display)
+    def __init__(
+        self,
+        tracks: LobeTracks,
+        references: Reference | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Show tracks from their first frame on.
 
-    def __post_init__(self) -> None:
-        """Check that the lobes can be shown.
+        Args:
+            tracks: At least one frame.
+            references: Images to compare with.
+            clock: Seconds on a steady clock, for playing.
 
         Raises:
-            InputError: There are more than MAX_LOBES.
+            InputError: There are more than MAX_LOBES lobes.
         """
-        if self.tracks.lobes.count > MAX_LOBES:
+        self.clock = clock
+        self.display = Display()
+        self.camera = Camera()
+        self.environment = Environment()
+        self.compared = Compared()
+        self.map_view = Compared()
+        self.material = Material.METAL
+        self.base_colour: Rgb = WHITE
+        self.is_dragging = False
+        self.has_panels = True
+        self.has_help = False
+        self.message = ""
+        self.editing = Editing()
+        self.moves_wipe = False
+        self.inspected: Inspected | None = None
+        self.requests: list[Request] = []
+        self.references: Reference | None = None
+        self.open(tracks, references)
+
+    def open(self, tracks: LobeTracks, references: Reference | None = None) -> None:
+        """Show other tracks; camera, display and environment stay as they are.
+
+        Raises:
+            InputError: There are more than MAX_LOBES lobes.
+        """
+        if tracks.lobes.count > MAX_LOBES:
             raise InputError(
-                f"tracks: {self.tracks.lobes.count} lobes; expected at most {MAX_LOBES}, which is "
+                f"tracks: {tracks.lobes.count} lobes; expected at most {MAX_LOBES}, which is "
                 "what the viewer holds. Fit fewer with --lobes."
             )
+        self.history = EditHistory(tracks)
+        self.playback = Playback(tracks.frames, tracks.fps)
+        self.selection = Selection(self._brightest())
+        self.compare_with(references)
+
+    def compare_with(self, references: Reference | None) -> None:
+        """Compare with the images of another sequence, or with none."""
+        if self.references is not None:
+            self.references.close()
+        self.references = references
+        self.compared.comparison = Comparison.ROWS if references else Comparison.FIT
+        self.map_view.comparison = Comparison.REFERENCE if references else Comparison.FIT
+
+    def replace_tracks(self, tracks: LobeTracks) -> None:
+        """Take over newer lobes; edits of the older ones are dropped, the playhead stays."""
+        had_lobes = self.tracks.lobes.count > 0
+        self.history = EditHistory(tracks)
+        if not had_lobes:
+            self.select(self._brightest())
+        if tracks.frames != self.playback.frames:
+            frame = self.playback.frame
+            self.playback = Playback(tracks.frames, tracks.fps)
+            self.playback.go_to(frame)
 
     @property
-    def frame(self) -> int:
-        """The shown frame's number."""
-        return self.tracks.frames[self.frame_index]
+    def tracks(self) -> LobeTracks:
+        """The tracks as they are shown, with their edits."""
+        return self.history.tracks
+
+    @property
+    def lobe_names(self) -> list[str]:
+        """What the lobes are called, as in the stage."""
+        return lobe_names(self.tracks.lobes.count)
 
     @property
     def lobes(self) -> Lobes:
-        """The shown lobes.  [N, .]."""
-        return self.tracks.lobes[self.frame_index]
+        """All lobes of the shown frame.  [N, .]."""
+        return self.tracks.lobes[self.playback.index]
 
-    def go_to(self, frame: int) -> None:
-        """Show the frame nearest to a number; of two equally near ones, the earlier."""
-        frames = self.tracks.frames
-        after = bisect_left(frames, frame)
-        candidates = range(max(after - 1, 0), min(after + 1, len(frames)))
-        self.frame_index = min(candidates, key=lambda index: abs(frames[index] - frame))
+    @property
+    def lit(self) -> tuple[int, ...]:
+        """Indices of the lobes that light: neither muted nor outside a solo."""
+        return tuple(filter(self.selection.lights, range(self.tracks.lobes.count)))
 
-    def step(self, frames: int) -> None:
-        """Go forward or back by a number of frames that exist, stopping at the ends."""
-        last = len(self.tracks.frames) - 1
-        self.frame_index = max(0, min(last, self.frame_index + frames))
+    @property
+    def lit_lobes(self) -> Lobes:
+        """The lobes that light the shown frame.  [L, .]."""
+        return self.lobes.select(torch.tensor(self.lit, dtype=torch.long))
+
+    @property
+    def balls(self) -> tuple[Ball, ...]:
+        """The row of balls."""
+        return ball_row(self.material, self.base_colour)
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the picture changes on its own or under the mouse: then it has to be quick."""
+        return self.is_dragging or self.playback.is_playing
+
+    @property
+    def shown(self) -> Comparison:
+        """What the balls show of fit and reference: without a reference, the fit."""
+        return self.compared.shown if self.references is not None else Comparison.FIT
+
+    @property
+    def shown_map(self) -> Comparison:
+        """What the map shows of them."""
+        return self.map_view.shown if self.references is not None else Comparison.FIT
+
+    @property
+    def reference_image(self) -> np.ndarray | None:
+        """The reference of the shown frame, if it is in memory.  [H, W, 3]."""
+        return None if self.references is None else self.references.get(self.playback.frame)
+
+    def meter(self) -> bool:
+        """Expose so that the mean radiance of the lit lobes is middle grey, in steps of a key.
+
+        Returns:
+            Whether there was light to meter.
+        """
+        lobes = self.lit_lobes
+        mean = float(asg.flux(lobes).sum(0) @ torch.tensor(LUMINANCE)) / (4 * math.pi)
+        if not mean > 0:
+            return False
+        stops = math.log2(MIDDLE_GREY / mean) - self.environment.intensity_ev
+        self.display.exposure_ev = 0.0
+        self.display.expose(round(stops / EXPOSURE_EV_STEP) * EXPOSURE_EV_STEP)
+        return True
+
+    def select(self, lobe: int | None) -> None:
+        """Select a lobe, or none."""
+        self.selection.lobe = lobe
+
+    def _brightest(self) -> int | None:
+        """Return the lobe with the most energy in the shown frame, if there are any."""
+        return int(energies(self.lobes).argmax()) if self.tracks.lobes.count else None

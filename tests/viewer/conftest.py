@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """OpenGL and lobes for the viewer's tests; neither a display nor a GPU is needed."""
 
+import functools
 import os
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import moderngl
 import pytest
 import torch
+import windows
 
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, frames
@@ -29,6 +32,15 @@ def opengl() -> Iterator[moderngl.Context]:
     yield context
     assert context.error == "GL_NO_ERROR"
     context.release()
+
+
+@pytest.fixture
+def drive(opengl: moderngl.Context, two_lamps: LobeTracks) -> Iterator[windows.Drive]:
+    """Open a window on two lamps, let a script drive it, close it."""
+    if not sys.platform.startswith("linux"):
+        pytest.skip("GLFW's null platform needs EGL, which Linux has")
+    yield functools.partial(windows.drive, two_lamps)
+    opengl.__enter__()  # so that the errors looked for afterwards are those of this context
 
 
 @pytest.fixture

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`viewer.py` as a user starts it: pictures in files, the check, and every message."""
+"""`asglight view` and `viewer.py` as a user starts them: pictures, the check, every message."""
 
 import importlib
 import os
@@ -8,14 +8,18 @@ import sys
 from pathlib import Path
 
 import moderngl
+import numpy as np
 import OpenImageIO
 import pytest
+import torch
 
+from asglight.cli.main import main
 from asglight.errors import InputError
+from asglight.images import write_exr
 from asglight.lobes import LobeTracks
 from asglight.usd import write_usd
-from asglight.viewer import app, screenshot
-from asglight.viewer.state import ViewerState
+from asglight.viewer import app, saving
+from asglight.viewer.arrangement import cells
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -41,46 +45,82 @@ def run_viewer(*arguments: str | Path, **environment: str) -> subprocess.Complet
     )
 
 
-def brightest(path: Path, channel: int) -> tuple[int, int]:
-    """Return row and column of a PNG's largest value in a channel."""
-    pixels = OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.UINT8)
-    assert pixels is not None
-    row, column = divmod(int(pixels[..., channel].argmax()), pixels.shape[1])
-    return row, column
+def view(*arguments: str | Path) -> int:
+    """Run the viewer in this process and return its exit code."""
+    return main(["view", *map(str, arguments)])
 
 
 def failure(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
     """Run the viewer in this process, expect exit code 2, and return its one line."""
-    assert app.main(list(map(str, arguments))) == 2
+    assert view(*arguments) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    return line
+    assert line.startswith("asglight: ")
+    return line.removeprefix("asglight: ")
+
+
+def lambert_ball(path: Path) -> np.ndarray:
+    """Return the last ball of a bare screenshot of 700 x 120 with margins of 8.  [H, W, 3]."""
+    pixels = OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT)
+    assert pixels is not None
+    assert pixels.shape == (120, 700, 3)
+    x, y, side = cells((684, 80), 6)[-1]
+    return pixels[8 + y : 8 + y + side, 8 + x : 8 + x + side]
+
+
+def lit_by(ball: np.ndarray, channel: int) -> np.ndarray:
+    """Return row and column of the centre of what one lamp lights."""
+    other = 1 - channel
+    return np.argwhere(ball[..., channel] - ball[..., other] > 0.2).mean(axis=0)
 
 
 @pytest.mark.usefixtures("opengl")
-def test_screenshot_has_the_size_asked_for_and_the_lobe_where_it_is(
+def test_screenshot_shows_the_balls_lit_from_where_the_lamps_are(
     stage: Path, tmp_path: Path
 ) -> None:
-    output = tmp_path / "shot.png"
-    # Half a stop down, so that the peaks of 0.9 stay well below where the picture clips.
-    result = run_viewer(
-        *(stage, "--frame", "1002", "--screenshot", output),
-        *("--size", "256x128", "--exposure-ev", "-0.5"),
-    )
+    size = ("--bare", "--size", "700x120")
+    result = run_viewer(stage, "--screenshot", tmp_path / "first.png", *size)
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
-    specification = OpenImageIO.ImageBuf(str(output)).spec()
-    assert (specification.width, specification.height, specification.nchannels) == (256, 128, 3)
-    for channel, (u, v) in ((1, (0.375, 0.25)), (0, (0.75, 0.75))):
-        row, column = brightest(output, channel)
-        # The peak lies on a corner of four texels, and 8 bits make a small plateau around it.
-        assert abs(column + 0.5 - 256 * u) <= 2
-        assert abs(row + 0.5 - 128 * v) <= 2
+    assert view(stage, "--frame", "1004", "--screenshot", tmp_path / "last.png", *size) == 0
+    first, last = (lambert_ball(tmp_path / name) for name in ("first.png", "last.png"))
+    green, red = lit_by(first, 1), lit_by(first, 0)
+    assert green[0] < red[0] - 10  # above against below
+    assert green[1] > red[1] + 10  # right (+X, u = 1/4) against left (u = 3/4)
+    assert lit_by(last, 1)[1] < green[1] - 5  # at frame 1004 it comes from the front
+
+
+def test_everything_runs_on_opengl_4_1(
+    opengl: moderngl.Context, stage: Path, tmp_path: Path
+) -> None:
+    if "Mesa" not in opengl.info["GL_VERSION"]:
+        pytest.skip("only Mesa can be told to offer an older OpenGL")
+    old = {"MESA_GL_VERSION_OVERRIDE": "4.1FC", "MESA_GLSL_VERSION_OVERRIDE": "410"}
+    check = run_viewer("--check", **old)
+    assert (check.returncode, check.stderr) == (0, "")
+    assert check.stdout.startswith("OpenGL 4.1")
+    image = tmp_path / "sky.exr"
+    write_exr(image, torch.full((16, 32, 3), 0.25))
+    arguments = (stage, "--reference", image, "--size", "600x400")
+    new, again = tmp_path / "new.png", tmp_path / "old.png"
+    assert run_viewer(*arguments, "--screenshot", new).returncode == 0
+    assert run_viewer(*arguments, "--screenshot", again, **old).returncode == 0
+    pixels = [
+        OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.UINT8) for path in (new, again)
+    ]
+    assert pixels[0] is not None
+    # the reference's last samples depend on how many pictures were drawn
+    assert np.abs(pixels[0].astype(int) - pixels[1]).mean() < 0.5
 
 
 @pytest.mark.usefixtures("opengl")
-def test_screenshot_without_a_frame_shows_the_first(stage: Path, tmp_path: Path) -> None:
-    output = tmp_path / "shot.png"
-    assert app.main([str(stage), "--screenshot", str(output), "--size", "128x64"]) == 0
-    assert abs(brightest(output, 1)[1] + 0.5 - 128 * 0.25) <= 2
+def test_screenshot_of_the_window_has_its_panels(stage: Path, tmp_path: Path) -> None:
+    assert view(stage, "--screenshot", tmp_path / "a.png", "--size", "1000x700") == 0
+    image = OpenImageIO.ImageBuf(str(tmp_path / "a.png"))
+    assert (image.spec().width, image.spec().height, image.spec().nchannels) == (1000, 700, 3)
+    pixels = image.get_pixels(OpenImageIO.FLOAT)
+    assert pixels is not None
+    # In each quarter of the window something is drawn: edges, in brightness.
+    edges = np.abs(np.diff(pixels.mean(-1), axis=1)) > 0.2
+    assert all(edges[y : y + 350, x : x + 499].sum() > 100 for y in (0, 350) for x in (0, 500))
 
 
 @pytest.mark.usefixtures("opengl")
@@ -100,7 +140,7 @@ def test_check_reports_a_broken_shader_and_exits_1(
     from asglight.viewer import passes
 
     monkeypatch.setattr(passes, "DEFINES", {**passes.DEFINES, "PI": 3})
-    assert app.main(["--check"]) == 1
+    assert view("--check") == 1
     assert "shaders/lib/math.glsl:4: " in capsys.readouterr().out
 
 
@@ -109,7 +149,7 @@ def test_old_opengl_is_named(opengl: moderngl.Context) -> None:
         pytest.skip("only Mesa can be told to offer an older OpenGL")
     result = run_viewer("--check", MESA_GL_VERSION_OVERRIDE="3.3")
     assert result.returncode == 2
-    assert result.stderr.startswith("OpenGL: found OpenGL 3.3")
+    assert result.stderr.startswith("asglight: OpenGL: found OpenGL 3.3")
     assert result.stderr.endswith("; expected 4.1 or later. Update the graphics driver.\n")
 
 
@@ -118,7 +158,7 @@ def test_missing_opengl_names_the_packages() -> None:
     result = run_viewer("--check", __EGL_VENDOR_LIBRARY_FILENAMES="/nowhere")
     assert result.returncode == 2
     (line,) = result.stderr.splitlines()
-    assert line.startswith("OpenGL: ")
+    assert line.startswith("asglight: OpenGL: ")
     assert line.endswith("apt install libegl1 libgl1.")
 
 
@@ -139,8 +179,8 @@ def test_viewer_without_its_packages_exits_2_with_one_line(
     stage: Path, package: str, arguments: list[str]
 ) -> None:
     code = (
-        f"import sys; sys.modules[{package!r}] = None; from asglight.viewer.app import main; "
-        f"sys.exit(main({arguments!r}))"
+        f"import sys; sys.modules[{package!r}] = None; from asglight.cli.main import main; "
+        f"sys.exit(main(['view', *{arguments!r}]))"
     )
     command = [sys.executable, "-c", code]
     result = subprocess.run(
@@ -148,7 +188,7 @@ def test_viewer_without_its_packages_exits_2_with_one_line(
     )
     assert result.returncode == 2
     (line,) = result.stderr.splitlines()
-    assert line.endswith(f"{package} is not installed; run: pip install 'asglight[view]'")
+    assert line.endswith(f"{package} is not installed; run: pip install 'asglight[view]'.")
 
 
 def test_missing_system_library_names_the_packages() -> None:
@@ -170,12 +210,9 @@ def test_window_without_a_display_points_to_the_screenshot(stage: Path) -> None:
     result = run_viewer(stage)
     assert result.returncode == 2
     assert result.stderr.splitlines() == [
-        "window: no display; expected a desktop session. Use --screenshot, which needs no display."
+        "asglight: window: no display; expected a desktop session. Use --screenshot, which needs "
+        "no display."
     ]
-
-
-def test_missing_stage_argument_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    assert failure(capsys).startswith("stage: none given; expected a .usda, .usdc or .usd")
 
 
 def test_missing_stage_file_is_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -205,18 +242,18 @@ def test_screenshot_into_no_folder_is_named(
 
 @pytest.mark.usefixtures("opengl")
 def test_failed_screenshot_leaves_the_old_file_and_nothing_else(
-    two_lamps: LobeTracks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     output = tmp_path / "a.png"
     output.write_bytes(b"old")
-    pixels = screenshot.picture(ViewerState(two_lamps), (4, 2))
+    pixels = np.zeros((2, 4, 3), np.uint8)
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("asglight.viewer.screenshot.os.replace", full)
+    monkeypatch.setattr("asglight.viewer.saving.os.replace", full)
     with pytest.raises(InputError, match="No space left on device"):
-        screenshot.write_png(output, pixels)
+        saving.write_png(output, pixels)
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     assert output.read_bytes() == b"old"
 
@@ -233,6 +270,4 @@ def test_failed_screenshot_leaves_the_old_file_and_nothing_else(
 def test_unusable_option_is_explained(
     capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str
 ) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        app.main(["shot.usda", *arguments])
-    assert message in capsys.readouterr().err
+    assert message in failure(capsys, "shot.usda", *arguments)

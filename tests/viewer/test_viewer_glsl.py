@@ -9,7 +9,7 @@ import pytest
 
 from asglight.lobes import Form
 from asglight.viewer import glsl, passes
-from asglight.viewer.state import ToneCurve
+from asglight.viewer.display import ViewTransform
 
 LIBRARY = [
     path.relative_to(glsl.shader_folder()).as_posix()
@@ -71,7 +71,11 @@ def test_version_is_first_then_the_constants(tmp_path: Path) -> None:
 
 def test_enum_members_are_numbered_in_their_order() -> None:
     assert glsl.enum_defines(Form) == {"FORM_ASG": 0, "FORM_BINGHAM": 1, "FORM_SG": 2}
-    assert glsl.enum_defines(ToneCurve) == {"TONE_CURVE_CLIP": 0, "TONE_CURVE_REINHARD": 1}
+    assert glsl.enum_defines(ViewTransform) == {
+        "VIEW_TRANSFORM_SRGB": 0,
+        "VIEW_TRANSFORM_FILMIC": 1,
+        "VIEW_TRANSFORM_FALSE_COLOUR": 2,
+    }
 
 
 def test_missing_include_is_named_with_the_line_that_asks(tmp_path: Path) -> None:

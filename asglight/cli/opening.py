@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `asglight view` opens: a stage, a fit that is running, images, or the built-in environment.
+
+Rooms are loaded by whoever needs them: `asglight view --help` needs none.
+"""
+
+import contextlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from asglight.cli import built_in
+from asglight.cli.live_source import LiveJob, LiveSource
+from asglight.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from asglight.lobes import LobeTracks
+    from asglight.viewer.session import Session
+    from asglight.viewer.source import TrackSource
+
+STAGE_SUFFIXES = (".usda", ".usdc", ".usd")
+
+FPS = 24.0
+"""Frames per second of images, which name no rate."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to open.
+
+    Attributes:
+        input: A stage, a folder that holds one, or images; None for the built-in environment.
+        reference: Images to compare a stage with.
+        frames: Frames of the images to use, such as `1001-1048`; None for all.
+        layer: Layer or part of OpenEXR images; None for the plain image.
+        live: Fit the images while they are shown.
+        lobes: Number of lobes of that fit; None for the usual one.
+    """
+
+    input: str | None = None
+    reference: str | None = None
+    frames: str | None = None
+    layer: str | None = None
+    live: bool = False
+    lobes: int | None = None
+
+
+def opened(request: Request) -> "Session":
+    """Open what is asked for; what runs in the background runs until the session is closed.
+
+    Raises:
+        InputError: It cannot be opened, or the request contradicts itself.
+    """
+    stage = None if request.input is None else stage_of(Path(request.input))
+    _check(request, stage)
+    if stage is not None:
+        return _stage(stage, request)
+    if request.input is None:
+        return _built_in(request)
+    return _images(request.input, request)
+
+
+def stage_of(path: Path) -> Path | None:
+    """Return the stage that a path means; None for images.
+
+    A folder means the stage in it, where it holds one.
+
+    Raises:
+        InputError: A folder holds several.
+    """
+    if path.suffix.lower() in STAGE_SUFFIXES and not path.is_dir():
+        return path
+    if not path.is_dir():
+        return None
+    # Hidden names are the leftovers of interrupted writers; an unreadable folder is told of later.
+    names: list[str] = []
+    with contextlib.suppress(OSError):
+        names = sorted(name for name in os.listdir(path) if not name.startswith("."))
+    stages = [name for name in names if Path(name).suffix.lower() in STAGE_SUFFIXES]
+    if len(stages) > 1:
+        from asglight.images.message import listing, shown
+
+        raise InputError(
+            f"{shown(path)}: holds {len(stages)} stages ({listing(stages)}); expected one. "
+            "Name the one to open."
+        )
+    return path / stages[0] if stages else None
+
+
+def _check(request: Request, stage: Path | None) -> None:
+    """Refuse options that contradict each other or would have no effect."""
+    fitted = request.live or request.input is None
+    if request.live and stage is not None:
+        raise InputError(
+            f"--live: given with the stage {stage.name}, whose lobes are known; expected images "
+            "to fit. Leave out one of the two."
+        )
+    if request.reference is not None and stage is None:
+        raise InputError(
+            f"--reference: given without a stage to compare with {request.reference}; expected "
+            f"one before it. To see only the images: asglight view {request.reference}."
+        )
+    if request.lobes is not None and not fitted:
+        raise InputError(
+            "--lobes: given without --live; expected both or neither. Add --live to fit images."
+        )
+    images = request.reference if stage is not None else request.input
+    if images is None and (request.frames or request.layer):
+        name = "--frames" if request.frames else "--layer"
+        raise InputError(
+            f"{name}: given without images to choose from; expected them as INPUT or with "
+            "--reference."
+        )
+    if request.lobes is not None:
+        from asglight.viewer.state import MAX_LOBES
+
+        if not 1 <= request.lobes <= MAX_LOBES:
+            raise InputError(f"--lobes: {request.lobes}; expected 1 to {MAX_LOBES}.")
+
+
+def _stage(stage: Path, request: Request) -> "Session":
+    """Open a stage, or watch the fit that will write it."""
+    from asglight.images.message import shown
+    from asglight.viewer.reference import open_reference
+    from asglight.viewer.session import Session
+    from asglight.viewer.source import FixedSource
+    from asglight.viewer.state import ViewerState
+
+    with contextlib.ExitStack() as on_failure:
+        if not stage.exists() and checkpoint_of(stage).exists():
+            source, tracks = _watched(stage)
+        else:
+            from asglight.usd import read_usd
+
+            tracks = read_usd(stage)
+            source = FixedSource(tracks)
+        on_failure.callback(source.close)
+        state = ViewerState(tracks)
+        reference = None
+        if request.reference is not None:
+            reference = open_reference(
+                request.reference, frames=request.frames, layer=request.layer
+            )
+        on_failure.pop_all()
+    if reference is not None:
+        state.compare_with(reference)
+    return Session(state, source, shown(stage.name), stage)
+
+
+def checkpoint_of(stage: Path) -> Path:
+    """Return the file that a fit grows until the stage is written."""
+    from asglight.shots.checkpoint import SUFFIX
+
+    return stage.with_name(stage.name + SUFFIX)
+
+
+def _watched(stage: Path) -> "tuple[TrackSource, LobeTracks]":
+    """Watch the fit of a stage; return its source and a timeline without lobes."""
+    from asglight.cli.watch_source import WatchSource
+    from asglight.images.message import shown
+    from asglight.viewer.session import no_lobes
+
+    source = WatchSource(stage)
+    if not source.frames:
+        source.close()
+        raise InputError(
+            f"{shown(stage)}: is not written yet, and its checkpoint holds no frame; expected a "
+            "stage or a running fit. Wait for the first frame."
+        )
+    return source, no_lobes(source.frames, FPS)
+
+
+def _images(source: str, request: Request) -> "Session":
+    """Open images, and start to fit them where that is asked for."""
+    from asglight.viewer.reference import open_reference
+    from asglight.viewer.session import Session, no_lobes
+    from asglight.viewer.source import FixedSource
+    from asglight.viewer.state import ViewerState
+
+    reference = open_reference(source, frames=request.frames, layer=request.layer)
+    tracks = no_lobes(reference.timeline, FPS)
+    if request.live:
+        job = LiveJob(reference.timeline, source, request.layer, request.lobes, FPS)
+        lobes: TrackSource = LiveSource(job)
+    else:
+        hint = "shown without lobes: --live fits them now, asglight fit -o STAGE keeps them"
+        lobes = FixedSource(tracks, f"{reference.name}: {hint}")
+    return Session(ViewerState(tracks, reference), lobes, reference.name)
+
+
+def _built_in(request: Request) -> "Session":
+    """Show the built-in environment and fit it."""
+    # Before torch is loaded here: loading it is half of the time until the first lobes.
+    source = LiveSource(LiveJob(built_in.FRAMES, lobes=request.lobes, fps=FPS))
+    from asglight.viewer.reference import Reference
+    from asglight.viewer.session import Session, no_lobes
+    from asglight.viewer.state import ViewerState
+
+    def read(frame: int) -> "np.ndarray":
+        return built_in.environment(frame).numpy()
+
+    reference = Reference(built_in.NAME, built_in.FRAMES, read)
+    state = ViewerState(no_lobes(built_in.FRAMES, FPS), reference)
+    return Session(state, source, built_in.NAME)
+
+
+def opened_in_window(path: str) -> "Session | None":
+    """Open what a user dropped on the window: a session for a stage, None for images.
+
+    Raises:
+        InputError: It cannot be opened.
+    """
+    stage = stage_of(Path(path))
+    return None if stage is None else _stage(stage, Request(input=path))

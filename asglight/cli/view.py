@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`asglight view`: show lobes and images in a window or write a picture (also `viewer.py`)."""
+
+import argparse
+import contextlib
+import math
+import sys
+from pathlib import Path
+
+from asglight.cli.opening import Request, opened, opened_in_window
+from asglight.cli.parser import add_input_options, one_line
+from asglight.errors import InputError
+
+EXAMPLE = "asglight view shot.usda --reference sky.####.exr --frame 1001"
+
+SIZE = (1600, 1000)
+"""Columns and rows of the window."""
+
+SIZE_MAX = 16384
+"""Texels along a side: what every OpenGL 4.1 can draw into."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `view`."""
+    add = parser.add_argument
+    stage = "a stage, also one that asglight fit is still writing; a folder that holds one; or"
+    images = "images: a file, a folder, or a pattern such as sky.####.exr"
+    nothing = "(default: the built-in environment, fitted as it plays)"
+    add("input", nargs="?", metavar="INPUT", help=f"{stage} {images} {nothing}")
+    add("--reference", metavar="IMAGES", help="images to compare a stage with")
+    add("--live", action="store_true", help="fit the images while they are shown")
+    add("--lobes", type=int, metavar="N", help="number of lobes of a live fit (default: 15)")
+    add_input_options(parser)
+    add("--frame", type=int, metavar="N", help="frame to show first (default: the first)")
+    add("--screenshot", type=Path, metavar="PNG", help="write the window to a file; no display")
+    add("--bare", action="store_true", help="with --screenshot: the balls alone, no panels")
+    add("--size", type=_size, default=SIZE, metavar="WxH", help="window (default: 1600x1000)")
+    add("--exposure-ev", type=_exposure, metavar="EV", help="stops (default: metered)")
+    add("--check", action="store_true", help="compile every shader and say what OpenGL there is")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Show or write what the arguments ask for."""
+    if arguments.check:
+        from asglight.viewer import app
+
+        return app.check()
+    output: Path | None = arguments.screenshot
+    if output is not None and output.suffix.lower() != ".png":
+        raise InputError(f"--screenshot {output}: not a PNG file; expected a name ending in .png.")
+    request = Request(
+        input=arguments.input,
+        reference=arguments.reference,
+        frames=arguments.frames,
+        layer=arguments.layer,
+        live=arguments.live,
+        lobes=arguments.lobes,
+    )
+    with contextlib.closing(opened(request)) as session:
+        from asglight.viewer import app  # after the start of a live fit, which need not wait for it
+
+        app.set_up(session, arguments.frame, arguments.exposure_ev)
+        status = session.source.status()
+        if status.message and (status.is_finished or output is not None):
+            print(f"asglight: {one_line(status.message)}", file=sys.stderr)
+        if output is None:
+            app.show(session, opened_in_window, arguments.size)
+        else:
+            app.write_screenshot(session, output, arguments.size, is_bare=arguments.bare)
+    return 0
+
+
+def _size(text: str) -> tuple[int, int]:
+    """Read `1024x512`."""
+    columns, cross, rows = text.lower().partition("x")
+    if not (cross and columns.isdecimal() and rows.isdecimal()):
+        raise argparse.ArgumentTypeError(f"{text!r}; expected COLUMNSxROWS, such as 1024x512")
+    size = int(columns), int(rows)
+    if not all(1 <= side <= SIZE_MAX for side in size):
+        raise argparse.ArgumentTypeError(f"{text!r}; expected sides of 1 to {SIZE_MAX} texels")
+    return size
+
+
+def _exposure(text: str) -> float:
+    """Read a number of stops."""
+    from asglight.viewer.display import EXPOSURE_EV_MAX
+
+    with contextlib.suppress(ValueError):
+        value = float(text)
+        if math.isfinite(value) and abs(value) <= EXPOSURE_EV_MAX:
+            return value
+    limit = f"{EXPOSURE_EV_MAX:g}"
+    raise argparse.ArgumentTypeError(f"{text!r}; expected stops between -{limit} and {limit}")

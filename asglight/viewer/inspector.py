@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What lies under the pointer: radiance, stops, direction, and the lobes that send the light."""
+
+import math
+
+import numpy as np
+import torch
+
+from asglight.lobes import asg
+from asglight.sphere import latlong
+from asglight.viewer import picking
+from asglight.viewer.arrangement import Hit
+from asglight.viewer.display import LUMINANCE, MIDDLE_GREY
+from asglight.viewer.state import Inspected, ViewerState
+
+SHARE_MIN = 0.01
+"""Lobes that send less than a hundredth of the light are not named."""
+
+
+def inspect_map(state: ViewerState, u: float, v: float) -> Inspected:
+    """Return what the map holds at a place, from the numbers themselves.
+
+    Args:
+        state: The session.
+        u: Share of the map's width from the left.
+        v: Share of its height from the top.
+    """
+    direction = latlong.direction_from_uv(torch.tensor(u), torch.tensor(v))
+    gain = 2.0**state.environment.intensity_ev
+    reference = None
+    image = state.reference_image
+    if image is not None:
+        height, width = image.shape[:2]
+        reference = image[min(int(v * height), height - 1), min(int(u * width), width - 1)] * gain
+    fit = asg.evaluate(state.lit_lobes, direction[None])[0].numpy() * gain
+    return Inspected("map", direction.numpy(), fit, reference, shares(state, direction.numpy()))
+
+
+def inspect_ball(
+    state: ViewerState,
+    name: str,
+    hit: Hit,
+    fit: np.ndarray | None,
+    reference: np.ndarray | None,
+) -> Inspected:
+    """Return what a ball shows, whose radiance the passes have drawn.
+
+    Args:
+        state: The session.
+        name: The ball's.
+        hit: The point of the ball.
+        fit: Radiance there without the environment's intensity.  [3]
+        reference: The same of the reference.  [3]
+    """
+    direction = state.camera.from_environment().T @ hit.mirrored
+    gain = 2.0**state.environment.intensity_ev
+    return Inspected(
+        name,
+        direction,
+        None if fit is None else fit * gain,
+        None if reference is None else reference * gain,
+        shares(state, direction),
+    )
+
+
+def shares(state: ViewerState, direction: np.ndarray) -> list[tuple[int, float]]:
+    """Return the lit lobes that send light from a direction, with their share of its luminance."""
+    radiance = picking.contributions(state.lit_lobes, direction.tolist())
+    share = picking.luminance(radiance)
+    share = share / share.sum().clamp(min=torch.finfo(share.dtype).tiny)  # no light: shares of 0
+    order = picking.brightest_first(radiance)
+    return [(state.lit[i], float(share[i])) for i in order if share[i] >= SHARE_MIN]
+
+
+def stops(radiance: np.ndarray) -> float:
+    """Return the luminance of a radiance in stops from middle grey; -inf for black."""
+    luminance = float(radiance @ LUMINANCE)
+    return math.log2(luminance / MIDDLE_GREY) if luminance > 0 else -math.inf
+
+
+def angles_deg(direction: np.ndarray) -> tuple[float, float]:
+    """Return longitude (0 at +Z, 90 at +X) and latitude of a direction, in degrees."""
+    x, y, z = direction
+    return math.degrees(math.atan2(x, z)), math.degrees(math.atan2(y, math.hypot(x, z)))

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Radiance that the renderer keeps from picture to picture, each drawn anew only when it must be.
+
+A layer has a version that counts what it drew: whoever uses its texture compares versions.
+"""
+
+from collections.abc import Hashable
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from asglight.lobes import Lobes
+from asglight.lobes.texels import texel_means
+from asglight.viewer.arrangement import cells
+from asglight.viewer.balls_pass import BallsPass
+from asglight.viewer.held import Held
+from asglight.viewer.map_lobes import widened
+from asglight.viewer.passes import (
+    BackgroundPass,
+    LobesPass,
+    radiance_target,
+    release_target,
+    target_texture,
+)
+from asglight.viewer.reference_cache import ReferenceCache
+from asglight.viewer.reference_pass import ReferencePass
+from asglight.viewer.state import ViewerState
+
+MAP_ROWS = 256
+"""Rows of the lobes' map: as many as the panel shows; half of them while something moves."""
+
+LIT_ROWS = 512
+"""Rows of the map that stands for the lobes in their integral: a texel of a third of a degree, as
+the sun is half a one wide."""
+
+SAMPLES_AT_ONCE = 8
+"""Samples of the reference between two pictures: with 16 a processor needs longer than the eye."""
+
+MOVING_SAMPLES = 2
+"""The same while something moves."""
+
+KEPT_SAMPLES = 16
+"""A picture of fewer is as quickly made again."""
+
+CACHE_BYTES = 1 << 28
+"""Memory for pictures of the reference: 80 of 1,000 x 200 pixels."""
+
+
+class Layer:
+    """A radiance target that is drawn when its key changes."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        """Start empty."""
+        self._context = context
+        self._target = radiance_target(context, (1, 1))
+        self._key: Any = None
+        self.version = 0
+
+    @property
+    def texture(self) -> moderngl.Texture:
+        """What was drawn last."""
+        return target_texture(self._target)
+
+    def needs(self, key: Any, size: tuple[int, int]) -> bool:
+        """Tell whether a picture is another one than that drawn last, and make room for it.
+
+        Args:
+            key: Everything that the picture depends on but its size; large things as `Held`.
+            size: Columns and rows.
+        """
+        if self._target.size != size:
+            # moderngl binds the last used framebuffer again whenever it makes one: it must exist.
+            target = radiance_target(self._context, size)
+            target.use()
+            release_target(self._target)
+            self._target, self._key = target, None
+        if self._key == key:
+            return False
+        self._key = key
+        self.version += 1
+        return True
+
+
+def camera_key(state: ViewerState) -> tuple[float, ...]:
+    """Return what a rotation depends on."""
+    camera = state.camera
+    return camera.yaw_deg, camera.pitch_deg, camera.environment_deg
+
+
+def lobes_key(state: ViewerState) -> tuple[Any, ...]:
+    """Return what the light depends on."""
+    return Held(state.tracks), state.playback.index, state.lit
+
+
+class ClosedForm(Layer):
+    """Balls lit by the lobes, by the closed forms."""
+
+    def __init__(self, context: moderngl.Context, albedo_table: moderngl.Texture) -> None:
+        """Compile the pass."""
+        super().__init__(context)
+        self._pass = BallsPass(context, albedo_table)
+
+    def draw(self, state: ViewerState, size: tuple[int, int]) -> None:
+        """Bring the layer up to date."""
+        balls = state.balls
+        if self.needs((lobes_key(state), camera_key(state), balls), size):
+            self._target.use()
+            self._target.clear()
+            arrangement = cells(size, len(balls))
+            rotation = state.camera.from_environment()
+            self._pass.draw(state.lit_lobes, balls, rotation, arrangement, self._target)
+
+
+class LobesMap(Layer):
+    """The lobes as a latlong map."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        """Compile the pass."""
+        super().__init__(context)
+        self._pass = LobesPass(context)
+
+    def draw(self, state: ViewerState) -> None:
+        """Bring the layer up to date."""
+        rows = MAP_ROWS // 2 if state.is_moving else MAP_ROWS
+        if self.needs(lobes_key(state), (2 * rows, rows)):
+            self._pass.draw(widened(state.lit_lobes, rows), self._target)
+            _wraps(self.texture)
+
+
+class Background(Layer):
+    """A map behind the balls."""
+
+    def __init__(self, context: moderngl.Context, background_pass: BackgroundPass) -> None:
+        """Take the pass, which several backgrounds share."""
+        super().__init__(context)
+        self._pass = background_pass
+
+    def draw(
+        self, state: ViewerState, latlong: moderngl.Texture, version: int, size: tuple[int, int]
+    ) -> None:
+        """Bring the layer up to date with a map and its version."""
+        if self.needs((Held(latlong), version, camera_key(state)), size):
+            self._pass.draw(latlong, state.camera.from_environment(), self._target)
+
+
+class ReferenceMap:
+    """The reference as a texture: front of the map panel, and background."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        """Start black."""
+        self._context = context
+        self._image: np.ndarray | None = None
+        self._texture = context.texture((2, 1), 4, np.zeros(8, "f4").tobytes(), dtype="f4")
+        self.version = 0
+
+    @property
+    def texture(self) -> moderngl.Texture:
+        """The map, alpha 1."""
+        return self._texture
+
+    def upload(self, image: np.ndarray) -> None:
+        """Take an image, float32 [H, W, 3], if it is another one."""
+        if image is self._image:
+            return
+        height, width, _ = image.shape
+        if self._texture.size != (width, height):
+            self._texture.release()
+            self._texture = self._context.texture((width, height), 4, dtype="f4")
+        opaque = np.ones((height, width, 4), np.float32)
+        opaque[..., :3] = image
+        self._texture.write(opaque.tobytes())
+        _wraps(self._texture)
+        self._image = image
+        self.version += 1
+
+
+class Integral:
+    """Balls lit by a map, by the integral over it, a few samples with every picture."""
+
+    def __init__(self, context: moderngl.Context, albedo_table: moderngl.Texture) -> None:
+        """Compile the pass."""
+        self._pass = ReferencePass(context, albedo_table)
+        self._cache = ReferenceCache(CACHE_BYTES)
+        self._image: np.ndarray | None = None
+        self._key: Hashable = None
+        self.version = 0
+
+    @property
+    def texture(self) -> moderngl.Texture:
+        """The picture so far."""
+        return self._pass.texture
+
+    @property
+    def progress(self) -> float:
+        """Share of the samples that make a finished picture."""
+        return self._pass.samples / self._pass.target_samples
+
+    def draw(
+        self, state: ViewerState, image: np.ndarray, name: Hashable, size: tuple[int, int]
+    ) -> None:
+        """Add samples to the picture of a map.
+
+        Args:
+            state: The session.
+            image: The map.  [H, W, 3]
+            name: What tells it from other maps, now and later.
+            size: Columns and rows.
+        """
+        if image is not self._image:
+            self._pass.set_map(image)
+            self._image = image
+        key = (name, camera_key(state), state.balls, size)
+        if key != self._key:
+            self._turn_to(key, state, size)
+        before = self._pass.samples
+        self._pass.accumulate(MOVING_SAMPLES if state.is_moving else SAMPLES_AT_ONCE)
+        self.version += self._pass.samples != before
+
+    def _turn_to(self, key: Hashable, state: ViewerState, size: tuple[int, int]) -> None:
+        """Put the picture away and go on with another, which may be a new one."""
+        if self._key is not None:
+            worth_keeping = self._pass.samples >= KEPT_SAMPLES
+            put_away = self._pass.detach()
+            assert put_away is not None
+            if worth_keeping:
+                self._cache.put(self._key, put_away)
+            else:
+                release_target(put_away.target)
+        found = self._cache.take(key)
+        if found is not None:
+            self._pass.resume(found)
+        else:
+            rotation = state.camera.from_environment()
+            self._pass.restart(state.balls, rotation, cells(size, len(state.balls)), size)
+        self._key = key
+        self.version += 1
+
+
+def _wraps(texture: moderngl.Texture) -> None:
+    """Filter a latlong map as what it is: closed in columns, ended in rows."""
+    texture.filter = moderngl.LINEAR, moderngl.LINEAR
+    texture.repeat_x, texture.repeat_y = True, False
+
+
+def lit_map(lobes: Lobes) -> np.ndarray:
+    """Return the lobes' texel means on a grid fine enough for their integral.  [H, W, 3]."""
+    return texel_means(lobes, LIT_ROWS, 2 * LIT_ROWS).numpy()

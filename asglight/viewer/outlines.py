@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The true shape of lobes on a latlong map. No OpenGL.
+
+A lobe's outline is where its function falls to a share of its peak, `level`. With L = -ln(level),
+x, y, z components in the lobe's frame, phi the angle about an axis, and t = 1 - (component along
+that axis)^2:
+
+    asg       q t - ln(1 - t) / 2 = L about z, with q = sx cos^2 phi + sy sin^2 phi: one root
+    bingham   q t = L about z and about -z, where both sharpnesses are at least L; where only
+              the larger is, its bands meet, and the edge is (sx - L) / t = (sx - sy) cos^2 phi +
+              sx sin^2 phi about x and about -x, phi from y (x being the sharper axis)
+    sg        1 - z = L / s
+
+A lobe that never falls to the level has the great circle at right angles to its z axis instead.
+
+Symbols: N lobes, C curves, K points of a curve. Polylines are latlong uv, [K, 2], float64.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from asglight.lobes import Form, Lobes
+from asglight.sphere import latlong
+
+Array = NDArray[np.float64]
+Polylines = tuple[Array, ...]
+
+HALF_PEAK = 0.5
+"""Share of the peak at which an outline runs; exp(-2) is the other one in use."""
+
+RING_SEGMENTS = 64
+"""Of an outline before it is refined: chords leave a circle by 0.12 % of its radius."""
+
+ARM_SEGMENTS = 16
+"""Of an arm; it is nearly straight but at the poles."""
+
+STEP_MAX = 1 / 48
+"""Longest segment in u or v; a longer one, as near a pole, is halved."""
+
+HALVINGS_MAX = 20
+"""After which a curve has come as near to a pole as 1e-7 radians: it passes through it."""
+
+NEWTON_STEPS = 8
+"""Six reach float64 rounding, for any sharpness and both levels."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """How one lobe is drawn; nothing runs across the seam.
+
+    Attributes:
+        curves: Where the lobe falls to the level. One closed curve, or two of the bingham form;
+            cut where it meets the seam or a pole.
+        arm_x: Arcs along axis_x through the centre, from outline to outline.
+        arm_y: Arcs along axis_y likewise.
+    """
+
+    curves: Polylines
+    arm_x: Polylines
+    arm_y: Polylines
+
+
+def outlines(lobes: Lobes, level: float = HALF_PEAK) -> list[Outline]:
+    """Return the outline of each lobe.
+
+    Args:
+        lobes: N lobes of one frame.  [N, .]
+        level: Share of the peak, between 0 and 1.
+    """
+    rings = _rings(lobes, level)
+    curves = _polylines(rings)
+    arms = [_polylines(_arcs(lobes, axis, level)) for axis in (0, 1)]
+    centre = np.tile(np.arange(lobes.count), len(_sides(lobes)))
+    return [
+        Outline(
+            _of(curves, rings.lobe, index), _of(arms[0], centre, index), _of(arms[1], centre, index)
+        )
+        for index in range(lobes.count)
+    ]
+
+
+def half_angles(lobes: Lobes, level: float = HALF_PEAK) -> Tensor:
+    """Return how far from its centre each lobe reaches along axis_x and axis_y.
+
+    Args:
+        lobes: N lobes of one frame.  [N, .]
+        level: Share of the peak at which it ends.
+
+    Returns:
+        Radians, float64; a right angle where the lobe does not fall to the level.  [N, 2]
+    """
+    drop = -math.log(level)
+    sharpness = lobes.sharpness.to("cpu", torch.float64)
+    if lobes.form is Form.SG:
+        half_sine_squared = drop / (2 * sharpness)
+        reached = half_sine_squared < 1
+        angle = 2 * torch.asin(half_sine_squared.clamp(max=1).sqrt())
+        return torch.where(reached, angle, math.pi / 2)
+    if lobes.form is Form.ASG:
+        squared = torch.from_numpy(_asg_squared_sine(sharpness.numpy(), drop))
+    else:
+        squared = (drop / sharpness).clamp(max=1)
+    return torch.asin(squared.sqrt())
+
+
+@dataclass(frozen=True)
+class _Rings:
+    """Closed curves about an axis: t = c / (q0 cos^2 phi + q1 sin^2 phi), or the asg's root.
+
+    Attributes:
+        lobe: Index of the lobe.  [C]
+        frames: Rows: where phi is 0, where it is a right angle, the axis.  [C, 3, 3]
+        q: The two q.  [C, 2]
+        c: The c; L for an asg.  [C]
+        side: 1, or -1 where the curve runs on the far side of the axis.  [C]
+        is_asg: Whether t is the root of the asg's equation.
+    """
+
+    lobe: NDArray[np.int64]
+    frames: Array
+    q: Array
+    c: Array
+    side: Array
+    is_asg: bool
+    parameter = np.linspace(0, 2 * math.pi, RING_SEGMENTS + 1)
+    is_closed = True
+
+    def points(self, curves: slice, psi: Array) -> Array:
+        """Return points of some curves; psi spreads them as on an ellipse.  [K] -> [C, K, 3]."""
+        q, c = self.q[curves], self.c[curves, None]
+        extent = np.sqrt(self._squared_sine(q, c))  # where phi is 0 and a right angle
+        across = extent[:, None] * np.stack([np.cos(psi), np.sin(psi)], -1)  # [C, K, 2]
+        across /= np.linalg.norm(across, axis=-1, keepdims=True)
+        squared = self._squared_sine((across**2 * q[:, None]).sum(-1), c)
+        along = self.side[curves, None] * np.sqrt(np.maximum(1 - squared, 0))  # rounding at t = 1
+        local = np.concatenate([across * np.sqrt(squared)[..., None], along[..., None]], -1)
+        return local @ self.frames[curves]
+
+    def _squared_sine(self, q: Array, c: Array) -> Array:
+        return _asg_squared_sine(q, c) if self.is_asg else np.minimum(c / q, 1.0)
+
+
+@dataclass(frozen=True)
+class _Arcs:
+    """Arcs of great circles through centres, as far to one side as to the other.
+
+    Attributes:
+        toward: Centres.  [C, 3]
+        along: Directions at right angles to them.  [C, 3]
+        angle: Half their lengths.  [C]
+    """
+
+    toward: Array
+    along: Array
+    angle: Array
+    parameter = np.linspace(-1, 1, ARM_SEGMENTS + 1)
+    is_closed = False
+
+    def points(self, curves: slice, share: Array) -> Array:
+        """Return points of some arcs, share running from -1 to 1.  [K] -> [C, K, 3]."""
+        angle = (self.angle[curves, None] * share)[..., None]
+        along = np.sin(angle) * self.along[curves, None]
+        return np.cos(angle) * self.toward[curves, None] + along
+
+
+def _sides(lobes: Lobes) -> tuple[float, ...]:
+    return (1.0, -1.0) if lobes.form is Form.BINGHAM else (1.0,)
+
+
+def _arcs(lobes: Lobes, axis: int, level: float) -> _Arcs:
+    axes, sides = _axes(lobes), _sides(lobes)
+    toward = np.concatenate([side * axes[:, 2] for side in sides])
+    angles = half_angles(lobes, level)[:, axis].numpy()
+    return _Arcs(toward, np.tile(axes[:, axis], (len(sides), 1)), np.tile(angles, len(sides)))
+
+
+def _axes(lobes: Lobes) -> Array:
+    return lobes.axes.to("cpu", torch.float64).numpy()
+
+
+def _rings(lobes: Lobes, level: float) -> _Rings:
+    axes = _axes(lobes)
+    sharpness = lobes.sharpness.to("cpu", torch.float64).numpy()
+    drop = -math.log(level)
+    index = np.arange(lobes.count)
+    front = np.ones(lobes.count)
+    if lobes.form is Form.ASG:
+        return _Rings(index, axes, sharpness, drop * front, front, True)
+    if lobes.form is Form.SG:
+        half = drop / (2 * sharpness[:, 0])  # sin^2 of half the polar angle
+        half = np.where(half < 1, half, 0.5)
+        side = np.where(half <= 0.5, 1.0, -1.0)
+        return _Rings(index, axes, np.ones_like(sharpness), 4 * half * (1 - half), side, False)
+    x_is_sharper = (sharpness[:, 0] >= sharpness[:, 1])[:, None]
+    sharper = np.where(x_is_sharper, axes[:, 0], axes[:, 1])
+    other = np.where(x_is_sharper, axes[:, 1], axes[:, 0])
+    high, low = sharpness.max(-1), sharpness.min(-1)
+    is_band = (low < drop) & (high > drop)
+    never = high <= drop
+    band = np.stack([other, axes[:, 2], sharper], axis=1)
+    frames = np.where(is_band[:, None, None], band, axes)
+    q = np.where(is_band[:, None], np.stack([high - low, high], -1), sharpness)
+    q = np.where(never[:, None], 1.0, q)
+    c = np.where(is_band, high - drop, np.where(never, 1.0, drop))
+    twice = np.concatenate([index, index[~never]])  # both sides share one great circle
+    side = np.concatenate([front, -front[~never]])
+    return _Rings(twice, frames[twice], q[twice], c[twice], side, False)
+
+
+def _asg_squared_sine(q: Array, drop: Array | float) -> Array:
+    """Solve q t - ln(1 - t) / 2 = L by Newton's method.
+
+    Either term alone gives a t that is too large, and the function is convex: the steps come down
+    to the root and never pass it.
+    """
+    t = np.minimum(drop / q, -np.expm1(-2 * np.asarray(drop)))
+    for _ in range(NEWTON_STEPS):
+        excess = q * t - 0.5 * np.log1p(-t) - drop
+        t = t - excess / (q + 0.5 / (1 - t))
+    return t
+
+
+def _of(polylines: list[list[Array]], owner: NDArray[np.int64], lobe: int) -> Polylines:
+    return tuple(line for index in np.flatnonzero(owner == lobe) for line in polylines[index])
+
+
+def _polylines(curves: _Rings | _Arcs) -> list[list[Array]]:
+    """Draw each curve: finely where the map stretches it, cut at the seam and at the poles."""
+    uv = _uv(curves.points(slice(None), curves.parameter))
+    is_long = _steps(uv).max(-1, initial=0) > STEP_MAX
+    drawn: list[list[Array]] = []
+    for index, line in enumerate(uv):
+        fine = _refined(curves, index) if is_long[index] else line
+        if curves.is_closed:
+            fine[-1] = fine[0]  # rounding may have put one left and one right of the seam
+        drawn.append(_cut(fine, curves.is_closed))
+    return drawn
+
+
+def _refined(curves: _Rings | _Arcs, index: int) -> Array:
+    """Halve the segments that are too long on the map.  [K, 2]."""
+    one, parameter = slice(index, index + 1), curves.parameter
+    uv = _uv(curves.points(one, parameter))[0]
+    for _ in range(HALVINGS_MAX):
+        long = np.flatnonzero(_steps(uv) > STEP_MAX)
+        if not len(long):
+            break
+        between = (parameter[long] + parameter[long + 1]) / 2
+        parameter = np.insert(parameter, long + 1, between)
+        uv = np.insert(uv, long + 1, _uv(curves.points(one, between))[0], axis=0)
+    return uv
+
+
+def _uv(directions: Array) -> Array:
+    u, v = latlong.uv_from_direction(torch.from_numpy(directions))
+    return np.stack([u.numpy(), v.numpy()], axis=-1)
+
+
+def _steps(uv: Array) -> Array:
+    """Return the longer side of each segment, across the seam where that is shorter.
+
+    [..., K, 2] -> [..., K - 1].
+    """
+    step = np.diff(uv, axis=-2)
+    step[..., 0] -= np.round(step[..., 0])
+    return np.abs(step).max(-1)
+
+
+def _cut(uv: Array, is_closed: bool) -> list[Array]:
+    """Cut a polyline where it leaves the map at the seam or passes through a pole."""
+    step = np.diff(uv[:, 0])
+    across = step - np.round(step)
+    is_pole = np.abs(across) > STEP_MAX  # any other segment was halved until it was shorter
+    cuts = np.flatnonzero((np.round(step) != 0) | is_pole)
+    if not len(cuts):
+        return [uv]
+    pieces = []
+    start = uv[:0]
+    for first, last in zip([0, *(cuts + 1)], [*(cuts + 1), len(uv)], strict=True):
+        inner = uv[first:last]
+        if last == len(uv):
+            pieces.append(np.concatenate([start, inner]))
+            break
+        ends = _pole_ends if is_pole[last - 1] else _seam_ends
+        end, after = ends(uv[last - 1], uv[last])
+        pieces.append(np.concatenate([start, inner, end]))
+        start = after
+    if is_closed:  # the last piece goes on where the first begins
+        pieces[0] = np.concatenate([pieces.pop(), pieces[0][1:]])
+    return [piece for piece in pieces if np.ptp(piece, axis=0).max() > 0]
+
+
+def _seam_ends(before: Array, after: Array) -> tuple[Array, Array]:
+    """Return the point where a segment leaves the map, and that where it comes in again."""
+    edge = 1.0 if before[0] > after[0] else 0.0
+    beyond = after[0] + 2 * edge - 1  # as if the map went on
+    share = (edge - before[0]) / (beyond - before[0]) if beyond != before[0] else 0.0
+    v = before[1] + share * (after[1] - before[1])
+    return np.array([[edge, v]]), np.array([[1 - edge, v]])
+
+
+def _pole_ends(before: Array, after: Array) -> tuple[Array, Array]:
+    """Return the pole above or below the one point, and that above or below the other."""
+    pole = round((before[1] + after[1]) / 2)
+    return np.array([[before[0], pole]]), np.array([[after[0], pole]])

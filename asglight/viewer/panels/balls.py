@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The balls: the picture itself, the orbit by drag, the wipe line, the errors under each ball."""
+
+from imgui_bundle import ImVec2, imgui
+
+from asglight.viewer.arrangement import Cell, cells, hit
+from asglight.viewer.balls import Ball
+from asglight.viewer.display import Comparison, Subject
+from asglight.viewer.inspector import inspect_ball
+from asglight.viewer.panels import legend, widgets
+from asglight.viewer.renderer import Renderer
+from asglight.viewer.state import ViewerState
+
+_NAMES = {
+    Subject.TOTAL: ("lobes, closed form", "HDRI, integrated"),
+    Subject.FIT: ("lobes, integrated", "HDRI, integrated"),
+    Subject.SHADING: ("lobes, closed form", "lobes, integrated"),
+}
+"""What fit and reference are for each subject, as the labels over the pictures say it."""
+
+_WIPE_GRIP = 0.6
+"""Half width, in heights of the font, of the strip where the wipe line can be taken."""
+
+_MOUSE = int(imgui.ButtonFlags_.mouse_button_left) | int(imgui.ButtonFlags_.mouse_button_right)
+
+
+def balls(state: ViewerState, renderer: Renderer) -> None:
+    """Draw the picture as large as the room, with what lies over it."""
+    room = imgui.get_content_region_avail()
+    points = max(1, int(room.x)), max(1, int(room.y - legend.room_below()))
+    density = imgui.get_io().display_framebuffer_scale
+    size = round(points[0] * density.x), round(points[1] * density.y)
+    origin = imgui.get_cursor_screen_pos()
+    target = renderer.balls(state, size)
+    imgui.image(imgui.ImTextureRef(target.color_attachments[0].glo), ImVec2(*points))
+    imgui.set_cursor_screen_pos(origin)
+    imgui.set_next_item_allow_overlap()
+    imgui.invisible_button("##picture", ImVec2(*points), _MOUSE)
+    _mouse(state, origin, points)
+    if imgui.is_item_hovered() and not state.is_moving:
+        pointer = imgui.get_mouse_pos()
+        _inspect(state, renderer, points, (pointer.x - origin.x, pointer.y - origin.y))
+    _labels(state, renderer, origin, points)
+    legend.legend(state, state.shown, ImVec2(origin.x, origin.y + points[1]), points[0])
+
+
+def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
+    """Orbit, or move the wipe line."""
+    compared = state.compared
+    is_wipe = state.shown is Comparison.WIPE
+    line = origin.x + compared.wipe * points[0]
+    if imgui.is_item_activated():
+        away = abs(imgui.get_mouse_pos().x - line)
+        state.moves_wipe = is_wipe and away < widgets.em(_WIPE_GRIP)
+    if imgui.is_item_active():
+        delta = imgui.get_io().mouse_delta
+        if state.moves_wipe:
+            share = (imgui.get_mouse_pos().x - origin.x) / points[0]
+            compared.wipe = max(0.0, min(1.0, share))
+        elif imgui.is_mouse_down(imgui.MouseButton_.right):
+            state.camera.turn_environment(delta.x * 360 / points[0])
+        else:
+            state.camera.orbit(delta.x, delta.y)
+    if imgui.is_item_hovered() and imgui.get_io().mouse_wheel:
+        state.display.expose(0.25 * imgui.get_io().mouse_wheel)
+    if is_wipe:
+        draw = imgui.get_window_draw_list()
+        draw.add_line_v(line, origin.y, origin.y + points[1], widgets.colour(widgets.ACCENT), 2.0)
+
+
+def _inspect(
+    state: ViewerState,
+    renderer: Renderer,
+    points: tuple[int, int],
+    pointer: tuple[float, float],
+) -> None:
+    """Look up the ball under the pointer; beside the balls the last one stays."""
+    x, y = pointer
+    columns, rows = points
+    if state.shown is Comparison.ROWS:
+        rows //= 2
+        y %= rows
+    row = state.balls
+    found = hit(cells((columns, rows), len(row)), x, y)
+    if found is not None:
+        fit, reference = renderer.pixel(x / columns, y / rows)
+        name = _ball_name(row[found.ball])
+        state.inspected = inspect_ball(state, name, found, fit, reference)
+
+
+def _labels(
+    state: ViewerState, renderer: Renderer, origin: ImVec2, points: tuple[int, int]
+) -> None:
+    fit, reference = _NAMES[state.compared.subject]
+    pad = widgets.em(0.4)
+    shown = state.shown
+    left, top = origin.x + pad, origin.y + pad
+    right = origin.x + points[0] - pad
+    errors = renderer.ball_errors(state) if state.references is not None else None
+    if shown is Comparison.ROWS:
+        half = points[1] // 2
+        _ball_labels(state, (points[0], half), origin, None)
+        below = ImVec2(origin.x, origin.y + half)
+        _ball_labels(state, (points[0], points[1] - half), below, errors)
+        widgets.label_over(left, top, fit)
+        widgets.label_over(left, top + half, f"{reference}{_progress(renderer)}")
+        return
+    _ball_labels(state, points, origin, errors)
+    if shown is Comparison.FIT:
+        widgets.label_over(left, top, fit)
+    elif shown is Comparison.REFERENCE:
+        widgets.label_over(left, top, f"{reference}{_progress(renderer)}")
+    elif shown is Comparison.WIPE:
+        widgets.label_over(left, top, fit)
+        widgets.label_over(right, top, f"{reference}{_progress(renderer)}", align=1.0)
+    else:
+        sign = "minus" if shown is Comparison.DIFFERENCE else "over"
+        widgets.label_over(left, top, f"{fit} {sign} {reference}{_progress(renderer)}")
+
+
+def _ball_labels(
+    state: ViewerState,
+    points: tuple[int, int],
+    origin: ImVec2,
+    errors: list[float | None] | None,
+) -> None:
+    """Name each ball under it, with the error of the pair that is compared."""
+    row = state.balls
+    for index, (cell, ball) in enumerate(zip(cells(points, len(row)), row, strict=True)):
+        text = _ball_name(ball)
+        error = None if errors is None else errors[index]
+        if error is not None:
+            text += f"   {100 * error:.1f} %"
+        if imgui.calc_text_size(text).x > 1.2 * cell.size:  # it would touch its neighbour
+            text = text.removeprefix("roughness ")
+        x, y = _under(cell, origin, points)
+        widgets.label_over(x, y, text, align=0.5)
+
+
+def _under(cell: Cell, origin: ImVec2, points: tuple[int, int]) -> tuple[float, float]:
+    """Return where a label begins: under the ball, or over its lower edge where no room is."""
+    bottom = origin.y + points[1] - 1.1 * imgui.get_font_size()
+    below = origin.y + cell.y + cell.size + widgets.em(0.15)
+    return origin.x + cell.x + cell.size / 2, min(below, bottom)
+
+
+def _ball_name(ball: Ball) -> str:
+    return "Lambert" if ball.roughness is None else f"roughness {ball.roughness:g}"
+
+
+def _progress(renderer: Renderer) -> str:
+    share = renderer.reference_progress
+    return "" if share >= 1 else f"   {100 * share:.0f} %"

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Amplitude, sharpness and direction of the lobes over the frames, with the shared playhead."""
+
+from functools import lru_cache
+
+import numpy as np
+from imgui_bundle import ImVec2, ImVec4, imgui, implot
+
+from asglight.lobes import LobeTracks
+from asglight.viewer.display import LUMINANCE
+from asglight.viewer.held import Held
+from asglight.viewer.panels import widgets
+from asglight.viewer.state import ViewerState
+
+DECADES = 5
+"""Below the brightest lobe; darker ones, and those that are out, run along the floor."""
+
+TITLES = ("amplitude", "sharpness", "turn (deg)")
+
+
+def curves(state: ViewerState) -> None:
+    """Draw three plots side by side; dragging in one scrubs."""
+    if len(state.tracks.frames) < 2:
+        imgui.text_disabled("One frame only: nothing changes over time.")
+        return
+    values = track_curves(Held(state.tracks))
+    room = imgui.get_content_region_avail()
+    frames = np.asarray(state.tracks.frames, dtype=np.float64)
+    flags = implot.SubplotFlags_.link_all_x | implot.SubplotFlags_.no_resize
+    if implot.begin_subplots("##curves", 1, 3, ImVec2(room.x, room.y), flags):
+        for title, tracks in zip(TITLES, values, strict=True):
+            _plot(state, title, frames, tracks, is_logarithmic=title != TITLES[2])
+        implot.end_subplots()
+
+
+@lru_cache(maxsize=2)
+def track_curves(tracks: Held[LobeTracks]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what the plots show.
+
+    Returns:
+        Luminance of the amplitude, sharpness (the geometric mean of both axes), and the angle to
+        the lobe's direction in the first frame in degrees.  [N, F] each
+    """
+    lobes = tracks.value.lobes
+    amplitude = lobes.amplitude.numpy().astype(np.float64) @ LUMINANCE  # [F, N]
+    sharpness = lobes.sharpness.numpy().astype(np.float64).prod(-1) ** 0.5
+    axis = lobes.axis_z.numpy().astype(np.float64)
+    chord = np.linalg.norm(axis - axis[:1], axis=-1)
+    turn = np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1)))
+    peak = amplitude.max(initial=np.finfo(np.float32).tiny)  # all black: a flat line
+    rows = (np.maximum(amplitude, peak * 10.0**-DECADES), sharpness, turn)
+    first, second, third = (np.ascontiguousarray(values.T) for values in rows)
+    return first, second, third
+
+
+def _plot(
+    state: ViewerState,
+    title: str,
+    frames: np.ndarray,
+    tracks: np.ndarray,
+    *,
+    is_logarithmic: bool,
+) -> None:
+    flags = implot.Flags_.no_legend | implot.Flags_.no_mouse_text | implot.Flags_.no_menus
+    if not implot.begin_plot(title, ImVec2(-1, 0), flags):
+        return
+    axis_flags = implot.AxisFlags_.no_label
+    implot.setup_axes("frame", title, axis_flags, axis_flags | implot.AxisFlags_.auto_fit)
+    implot.setup_axis_limits(implot.ImAxis_.x1, frames[0], frames[-1])
+    first, last = float(frames[0]), float(frames[-1])
+    ends = [first, float(round((first + last) / 2)), last]
+    implot.setup_axis_ticks(implot.ImAxis_.x1, ends, [f"{end:.0f}" for end in ends])
+    if is_logarithmic:
+        implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
+    for lobe, values in enumerate(tracks):
+        spec = implot.Spec()
+        is_selected = lobe == state.selection.lobe
+        spec.line_color = widgets.ACCENT if is_selected else ImVec4(0.7, 0.75, 0.8, 0.35)
+        spec.line_weight = 2.0 if is_selected else 1.0
+        implot.plot_line(state.lobe_names[lobe], frames, values, spec)
+    moved, frame, *_ = implot.drag_line_x(0, float(state.playback.frame), widgets.ACCENT)
+    if moved:
+        state.playback.go_to(round(frame))
+    implot.end_plot()

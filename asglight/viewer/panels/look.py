@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the picture is looked at: exposure, view, comparison, environment, material."""
+
+from imgui_bundle import imgui
+
+from asglight.viewer.commands import ENVIRONMENT_STEP_DEG, FLIP_KEY, command
+from asglight.viewer.display import EXPOSURE_EV_MAX
+from asglight.viewer.panels import widgets
+from asglight.viewer.state import INTENSITY_EV_MAX, ViewerState
+
+
+def look(state: ViewerState) -> None:
+    """Draw the controls."""
+    imgui.push_item_width(-widgets.em(6.5))
+    _view(state)
+    _comparison(state)
+    _environment(state)
+    _balls(state)
+    imgui.pop_item_width()
+
+
+def _view(state: ViewerState) -> None:
+    imgui.separator_text("View")
+    display = state.display
+    _, display.exposure_ev = widgets.slider(
+        "exposure",
+        display.exposure_ev,
+        (-EXPOSURE_EV_MAX, EXPOSURE_EV_MAX),
+        "EV",
+        "Radiance is multiplied by 2^EV before it is shown; nothing is shaded anew.",
+        "E, Shift+E; 0 for 0 EV",
+    )
+    display.transform = widgets.choice(
+        "view",
+        display.transform,
+        "sRGB: clipped at 1. filmic: a curve that keeps lights below white (Narkowicz 2015).\n"
+        "false colour: luminance in stops from middle grey, 0.18.",
+        command("Next view transform").keys,
+    )
+    display.channel = widgets.choice(
+        "channel",
+        display.channel,
+        "One channel as grey; Y is luminance.",
+        command("Next channel").keys,
+    )
+    zebra = command("Zebra where the screen clips")
+    display.zebra = widgets.checkbox(
+        "zebra", display.zebra, zebra, "Stripes where a channel is above 1: the screen clips it."
+    )
+
+
+def _comparison(state: ViewerState) -> None:
+    imgui.separator_text("Compare with the HDRI")
+    if state.references is None:
+        imgui.text_wrapped(
+            "Drop an HDR image or sequence on the window, or start with --reference."
+        )
+        return
+    compared = state.compared
+    compared.comparison = widgets.choice(
+        "show",
+        compared.comparison,
+        f"What is shown of fit and reference. Hold {FLIP_KEY}: flip to the other one.",
+        command("Next comparison").keys,
+    )
+    compared.subject = widgets.choice(
+        "error",
+        compared.subject,
+        "total: closed form of the lobes against the integral over the HDRI.\n"
+        "fit error: integral over the lobes against that over the HDRI.\n"
+        "shading error: closed form of the lobes against the integral over them.",
+        command("Total, fit error or shading error").keys,
+    )
+
+
+def _environment(state: ViewerState) -> None:
+    imgui.separator_text("Environment")
+    _, state.camera.environment_deg = widgets.slider(
+        "rotation",
+        state.camera.environment_deg,
+        (-180.0, 180.0),
+        "deg",
+        f"Turns the lights around +Y. A key turns by {ENVIRONMENT_STEP_DEG:g} degrees.",
+        "[, ]",
+    )
+    _, state.environment.intensity_ev = widgets.slider(
+        "intensity",
+        state.environment.intensity_ev,
+        (-INTENSITY_EV_MAX, INTENSITY_EV_MAX),
+        "EV",
+        "Stops added to all lights; nothing is shaded anew.",
+    )
+    background = command("Environment behind the balls")
+    state.environment.is_shown = widgets.checkbox(
+        "background", state.environment.is_shown, background, "Show it behind the balls."
+    )
+    imgui.same_line()
+    widgets.button(state, "Camera and environment at rest", "reset camera")
+
+
+def _balls(state: ViewerState) -> None:
+    imgui.separator_text("Balls")
+    state.material = widgets.choice(
+        "material",
+        state.material,
+        "metal: reflects in the base colour. dielectric: F0 0.04 over diffuse light.",
+        command("Metal or dielectric").keys,
+    )
+    changed, colour = imgui.color_edit3(
+        "base colour", list(state.base_colour), imgui.ColorEditFlags_.float
+    )
+    widgets.tooltip("Linear RGB reflectance of the metal, or of the diffuse light")
+    if changed:
+        red, green, blue = colour
+        state.base_colour = red, green, blue

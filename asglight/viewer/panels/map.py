@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The latlong map of reference and fit, with each lobe's outline and axes over it."""
+
+from functools import lru_cache
+
+import numpy as np
+import torch
+from imgui_bundle import ImVec2, imgui
+
+from asglight.sphere import latlong
+from asglight.viewer import outlines
+from asglight.viewer.held import Held
+from asglight.viewer.inspector import inspect_map
+from asglight.viewer.panels import legend, widgets
+from asglight.viewer.picking import pick
+from asglight.viewer.renderer import Renderer
+from asglight.viewer.state import ViewerState
+
+CLICK_POINTS = 4.0
+"""A press that moves less than this is a click."""
+
+
+def latlong_map(state: ViewerState, renderer: Renderer) -> None:
+    """Draw the map as large as it fits at two to one, and let lobes be clicked and dragged."""
+    if state.references is not None:
+        imgui.set_next_item_width(widgets.em(9))
+        state.map_view.comparison = widgets.choice(
+            "##map_view", state.map_view.comparison, "What the map shows of fit and reference."
+        )
+    room = imgui.get_content_region_avail()
+    rows = max(1, int(min(room.x / 2, room.y - legend.room_below())))
+    points = 2 * rows, rows
+    density = imgui.get_io().display_framebuffer_scale
+    target = renderer.map(state, (round(points[0] * density.x), round(points[1] * density.y)))
+    origin = imgui.get_cursor_screen_pos()
+    imgui.image(imgui.ImTextureRef(target.color_attachments[0].glo), ImVec2(*points))
+    imgui.set_cursor_screen_pos(origin)
+    imgui.invisible_button("##map", ImVec2(*points))
+    _mouse(state, origin, points)
+    _lobes(state, origin, points)
+    legend.legend(state, state.shown_map, ImVec2(origin.x, origin.y + points[1]), points[0])
+
+
+def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
+    """Click: select a lobe. Drag: turn the lobe that the drag began on."""
+    if not (imgui.is_item_hovered() or imgui.is_item_active()):
+        return
+    place = _place(imgui.get_mouse_pos(), origin, points)
+    state.inspected = inspect_map(state, *place)
+    editing = state.editing
+    tolerance = CLICK_POINTS * np.pi / points[1]
+    if imgui.is_item_activated():
+        state.select(pick(state.lobes, _direction(place).tolist(), tolerance))
+        editing.drag_from = _direction(place).tolist()
+    if imgui.is_item_active() and state.selection.lobe is not None:
+        delta = imgui.get_mouse_drag_delta(imgui.MouseButton_.left, CLICK_POINTS)
+        if delta.x or delta.y:
+            target = _direction(place).tolist()
+            editing.turn_to(state.history, state.selection.lobe, state.playback.index, target)
+    if imgui.is_item_deactivated():
+        editing.commit(state.history)
+
+
+def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
+    draw = imgui.get_window_draw_list()
+    end = ImVec2(origin.x + points[0], origin.y + points[1])
+    draw.push_clip_rect(origin, end, True)
+    for index, outline in enumerate(_outlines(Held(state.tracks), state.playback.index)):
+        is_selected = index == state.selection.lobe
+        shade = widgets.ACCENT if is_selected else widgets.FAINT
+        colour = widgets.colour(shade, 1.0 if state.selection.lights(index) else 0.35)
+        for line in outline.curves:
+            _polyline(draw, line, origin, points, colour, 2.0 if is_selected else 1.0)
+        if is_selected:
+            for line in (*outline.arm_x, *outline.arm_y):
+                _polyline(draw, line, origin, points, colour, 1.0)
+        u, v = latlong.uv_from_direction(state.lobes.axis_z[index])
+        centre = ImVec2(origin.x + float(u) * points[0], origin.y + float(v) * points[1])
+        draw.add_circle_filled(centre, 3.0 if is_selected else 2.0, colour)
+    draw.pop_clip_rect()
+
+
+@lru_cache(maxsize=2)
+def _outlines(tracks: Held, index: int) -> list[outlines.Outline]:
+    """Return the outlines of a frame; a thousandth of a second each, so that they are kept."""
+    return outlines.outlines(tracks.value.lobes[index])
+
+
+def _polyline(
+    draw: imgui.ImDrawList,
+    line: np.ndarray,
+    origin: ImVec2,
+    points: tuple[int, int],
+    colour: int,
+    thickness: float,
+) -> None:
+    scaled = line * points + [origin.x, origin.y]
+    draw.add_polyline([ImVec2(*point) for point in scaled.tolist()], colour, thickness, 0)
+
+
+def _place(mouse: ImVec2, origin: ImVec2, points: tuple[int, int]) -> tuple[float, float]:
+    """Return the pointer's latlong coordinates, held within the map."""
+    u, v = (mouse.x - origin.x) / points[0], (mouse.y - origin.y) / points[1]
+    return max(0.0, min(1.0, u)), max(0.0, min(1.0, v))
+
+
+def _direction(place: tuple[float, float]) -> np.ndarray:
+    u, v = (torch.tensor(value, dtype=torch.float64) for value in place)
+    return latlong.direction_from_uv(u, v).numpy()

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What panels share: keys, tooltips, choices, labels over pictures."""
+
+from enum import StrEnum
+from typing import TypeVar
+
+from imgui_bundle import ImVec2, ImVec4, imgui
+
+from asglight.viewer.commands import COMMANDS, Command, command
+from asglight.viewer.state import ViewerState
+
+E = TypeVar("E", bound=StrEnum)
+
+ACCENT = ImVec4(1.0, 0.62, 0.18, 1.0)
+"""What is selected, and the playhead: orange, which no scale of the pictures uses."""
+
+FAINT = ImVec4(1.0, 1.0, 1.0, 0.45)
+"""What is there but not selected."""
+
+_EVERYWHERE = int(imgui.InputFlags_.route_global)
+_REPEAT = int(imgui.InputFlags_.repeat)
+_SPECIAL_KEYS = {
+    "Left": imgui.Key.left_arrow,
+    "Right": imgui.Key.right_arrow,
+    "[": imgui.Key.left_bracket,
+    "]": imgui.Key.right_bracket,
+    "0": imgui.Key._0,
+}
+_MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift}
+
+
+def chord(keys: str) -> int:
+    """Return what Dear ImGui calls a key with its modifiers: `Ctrl+Shift+Z`."""
+    *modifiers, name = keys.split("+")
+    key = _SPECIAL_KEYS.get(name) or getattr(imgui.Key, name.lower())
+    # As integers: joining the enums themselves fails on Python 3.11.2.
+    result = int(key)
+    for modifier in modifiers:
+        result |= int(_MODIFIERS[modifier])
+    return result
+
+
+def handle_keys(state: ViewerState, flip_key: str) -> None:
+    """Run the commands whose keys are pressed; text fields keep their keys."""
+    for entry in COMMANDS:
+        flags = _EVERYWHERE | (_REPEAT if entry.repeats else 0)
+        if imgui.shortcut(chord(entry.keys), flags):
+            entry.run(state)
+    is_typing = imgui.get_io().want_text_input
+    is_flipped = not is_typing and imgui.is_key_down(imgui.Key(chord(flip_key)))
+    state.compared.is_flipped = state.map_view.is_flipped = is_flipped
+
+
+def em(count: float) -> float:
+    """Return a length in points, in heights of the font: it follows the screen's density."""
+    return count * imgui.get_font_size()
+
+
+def tooltip(text: str, keys: str = "") -> None:
+    """Explain the last widget, with its key."""
+    imgui.set_item_tooltip(f"{text}\nKey: {keys}" if keys else text)
+
+
+def button(state: ViewerState, name: str, label: str, explanation: str = "") -> None:
+    """Show a button that runs a command."""
+    entry = command(name)
+    if imgui.button(label):
+        entry.run(state)
+    tooltip(explanation or f"{entry.name}.", entry.keys)
+
+
+def checkbox(label: str, value: bool, entry: Command, explanation: str) -> bool:
+    """Show a switch that a command's key turns as well."""
+    _, value = imgui.checkbox(label, value)
+    tooltip(explanation, entry.keys)
+    return value
+
+
+def choice(label: str, value: E, explanation: str, keys: str = "") -> E:
+    """Show a drop-down list of an enum's members."""
+    members: list[E] = list(type(value))
+    _, place = imgui.combo(label, members.index(value), [str(member) for member in members])
+    tooltip(explanation, keys)
+    return members[place]
+
+
+def slider(
+    label: str,
+    value: float,
+    limits: tuple[float, float],
+    unit: str,
+    explanation: str,
+    keys: str = "",
+    decimals: int = 1,
+) -> tuple[bool, float]:
+    """Show a slider; Ctrl+click takes a number.
+
+    Returns:
+        Whether the value changed, and the value.
+    """
+    changed, value = imgui.slider_float(
+        label, value, *limits, f"%.{decimals}f {unit}".rstrip(), imgui.SliderFlags_.clamp_on_input
+    )
+    tooltip(f"{explanation}\nCtrl+click: type a number", keys)
+    return changed, value
+
+
+def colour(vector: ImVec4, alpha: float = 1.0) -> int:
+    """Return a colour as draw lists take it."""
+    return imgui.get_color_u32(ImVec4(vector.x, vector.y, vector.z, vector.w * alpha))
+
+
+def label_over(x: float, y: float, text: str, align: float = 0.0) -> None:
+    """Write over a picture, readable on bright and dark, aligned 0 left to 1 right of x."""
+    draw = imgui.get_window_draw_list()
+    x -= align * imgui.calc_text_size(text).x
+    draw.add_text(ImVec2(x + 1, y + 1), imgui.get_color_u32(ImVec4(0, 0, 0, 0.85)), text)
+    draw.add_text(ImVec2(x, y), imgui.get_color_u32(ImVec4(1, 1, 1, 0.92)), text)

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The playhead: which frame is shown, and how it moves. Times are arguments, never asked for."""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from enum import StrEnum
+
+ROUNDING = 1e-6
+"""Frame times by which a timer may miss a frame's beginning."""
+
+
+class Pace(StrEnum):
+    """What gives way when pictures take longer than a frame lasts."""
+
+    REAL_TIME = "real time"
+    """Frames are dropped, so that the shot keeps its length."""
+    EVERY_FRAME = "every frame"
+    """The time stretches, so that no frame is missed."""
+
+
+class Playback:
+    """The playhead over the frames of a shot.
+
+    Attributes:
+        frames: Frame numbers, ascending, at least one; gaps are held on the frame before them.
+        fps: Frames per second.
+        index: Place of the playhead in `frames`.
+        pace: What gives way when pictures are slow.
+        loops: Whether the last frame is followed by the first.
+        first: In point, a place in `frames`.
+        last: Out point, a place in `frames`.
+    """
+
+    def __init__(self, frames: Sequence[int], fps: float) -> None:
+        """Start at the first frame, paused."""
+        self.frames = tuple(frames)
+        self.fps = fps
+        self.index = 0
+        self.pace = Pace.REAL_TIME
+        self.loops = True
+        self.first, self.last = 0, len(self.frames) - 1
+        self._now = 0.0
+        self._clock: tuple[float, int] | None = None
+        """When the playhead left which frame number; None while paused."""
+
+    @property
+    def frame(self) -> int:
+        """The number of the frame at the playhead."""
+        return self.frames[self.index]
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether the playhead moves by itself."""
+        return self._clock is not None
+
+    def go_to(self, frame: int) -> None:
+        """Move to the frame nearest to a number, of two equally near ones the earlier; play on."""
+        self.index = self._nearest(frame)
+        if self._clock is not None:
+            self._clock = self._now, self.frame
+
+    def step(self, count: int) -> None:
+        """Pause, and go forward or back by so many frames that exist, stopping at the ends."""
+        self.pause()
+        self.index = max(0, min(len(self.frames) - 1, self.index + count))
+
+    def play(self, now: float) -> None:
+        """Start at the playhead, or at the in point when it stands outside or at the end.
+
+        Args:
+            now: Seconds on any steady clock.
+        """
+        if not self.first <= self.index < self.last:
+            self.index = self.first
+        self._now = now
+        self._clock = now, self.frame
+
+    def pause(self) -> None:
+        """Hold the frame that is shown."""
+        self._clock = None
+
+    def tick(self, now: float) -> None:
+        """Move the playhead to where it belongs at a time; call it once for every picture.
+
+        Args:
+            now: Seconds on the clock of `play`.
+        """
+        self._now = now
+        if self._clock is None:
+            return
+        start, origin = self._clock
+        passed = (now - start) * self.fps
+        if self.pace is Pace.EVERY_FRAME:
+            following = self._after(self.index)
+            wait = self._distance(following)
+            if passed + ROUNDING >= wait:
+                # A picture that is only a little late does not put off all that follow.
+                self._arrive(following, start + wait / self.fps if passed < wait + 1 else now)
+            return
+        begin, length = self.frames[self.first], self._length()
+        position = origin - begin + int(passed + ROUNDING)
+        if position >= length and not self.loops:
+            self.index = self.last
+            self.pause()
+            return
+        self.index = bisect_right(self.frames, begin + position % length) - 1
+
+    def mark_in(self) -> None:
+        """Put the in point at the playhead, and the out point behind it."""
+        self.first = self.index
+        self.last = max(self.first, self.last)
+
+    def mark_out(self) -> None:
+        """Put the out point at the playhead, and the in point before it."""
+        self.last = self.index
+        self.first = min(self.first, self.last)
+
+    def clear_marks(self) -> None:
+        """Play all frames."""
+        self.first, self.last = 0, len(self.frames) - 1
+
+    def _nearest(self, frame: int) -> int:
+        after = bisect_left(self.frames, frame)
+        candidates = range(max(after - 1, 0), min(after + 1, len(self.frames)))
+        return min(candidates, key=lambda place: abs(self.frames[place] - frame))
+
+    def _after(self, place: int) -> int:
+        if self.first <= place < self.last:
+            return place + 1
+        return self.first if self.loops else place
+
+    def _distance(self, following: int) -> int:
+        """Return how many frame times the playhead stays before the next place."""
+        return self.frames[following] - self.frame if following > self.index else 1
+
+    def _length(self) -> int:
+        """Return the frame times from the in point to the end of the out point's frame."""
+        return self.frames[self.last] - self.frames[self.first] + 1
+
+    def _arrive(self, place: int, when: float) -> None:
+        if place == self.index and not self.loops:
+            self.pause()
+            return
+        self.index = place
+        self._clock = when, self.frame

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How hello_imgui runs the window: its loop, its layout, its OpenGL."""
+
+import warnings
+
+from imgui_bundle import hello_imgui, imgui, immapp
+
+# After imgui_bundle: the first of the two to be imported decides whose GLFW both use.
+import glfw  # isort: skip
+
+from asglight.errors import InputError
+from asglight.viewer.context import GL_VERSION
+from asglight.viewer.session import Session
+from asglight.viewer.window import Opener, Window
+
+FPS_MAX = 60.0
+"""Pictures per second at most: without vertical sync the loop would take all of a core."""
+
+FPS_IDLE = 5.0
+"""Pictures per second while nothing changes."""
+
+
+def show(session: Session, opener: Opener, size: tuple[int, int]) -> None:
+    """Show a session until its window is closed.
+
+    Args:
+        session: What to show; the controls change its state.
+        opener: Opens other files.
+        size: The window's columns and rows at the start, in points, (W, H).
+
+    Raises:
+        InputError: There is no display, or no OpenGL that is new enough.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", glfw.GLFWError)  # said in the InputError instead
+        if not glfw.init():
+            raise InputError(
+                "window: no display; expected a desktop session. "
+                "Use --screenshot, which needs no display."
+            )
+    run(Window(session, opener), size)
+
+
+def run(
+    window: Window, size: tuple[int, int], *, is_bare: bool = False, is_hidden: bool = False
+) -> None:
+    """Run a window's loop until it is closed.
+
+    Args:
+        window: The window.
+        size: Columns and rows at the start, in points.
+        is_bare: Whether to leave the panels out.
+        is_hidden: Whether nobody looks: it is not shown, and the user's layout stays untouched.
+
+    Raises:
+        InputError: There is no OpenGL that is new enough.
+    """
+    params = runner_params(window, size, is_bare=is_bare)
+    if is_hidden:
+        params.ini_disable = params.app_window_params.hidden = True
+        params.fps_idling.enable_idling, params.fps_idling.fps_max = False, 0.0
+    try:
+        immapp.run(params, immapp.AddOnsParams(with_implot=True))
+    except RuntimeError as error:
+        if window.is_open:
+            raise
+        version = ".".join(map(str, GL_VERSION))
+        raise InputError(
+            f"window: cannot be opened; expected OpenGL {version} or later. "
+            "Update the graphics driver; --check says what it has."
+        ) from error
+    window.raise_failure()
+
+
+def runner_params(
+    window: Window, size: tuple[int, int], *, is_bare: bool = False
+) -> hello_imgui.RunnerParams:
+    """Return how hello_imgui is to run a window."""
+    params = hello_imgui.RunnerParams()
+    params.app_window_params.window_title = f"{window.session.title} - asglight"
+    params.app_window_params.window_geometry.size = size
+    params.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder
+    params.ini_filename = "asglight/viewer.ini"
+    options = params.renderer_backend_options.open_gl_options
+    options.major_version, options.minor_version = GL_VERSION
+    options.use_core_profile = options.use_forward_compat = True
+    options.glsl_version = "410"
+    options.anti_aliasing_samples = 0  # the pictures are antialiased by themselves
+    params.fps_idling.fps_max = FPS_MAX
+    params.fps_idling.fps_idle = FPS_IDLE
+    params.callbacks.post_init = window.opened
+    params.callbacks.pre_new_frame = window.guarded(window.before_picture)
+    params.callbacks.before_exit = window.closed
+    kinds = hello_imgui.DefaultImGuiWindowType
+    if is_bare:
+        params.imgui_window_params.default_imgui_window_type = kinds.provide_full_screen_window
+        params.callbacks.show_gui = window.guarded(window.bare)
+        return params
+    params.imgui_window_params.default_imgui_window_type = kinds.provide_full_screen_dock_space
+    params.imgui_window_params.show_menu_bar = True
+    params.imgui_window_params.show_menu_app = False
+    params.imgui_window_params.show_status_bar = True
+    params.imgui_window_params.show_status_fps = False
+    params.callbacks.show_menus = window.guarded(window.menus)
+    params.callbacks.show_status = window.guarded(window.status)
+    params.callbacks.show_gui = window.guarded(window.keys)
+    params.docking_params.docking_splits = _splits()
+    params.docking_params.dockable_windows = window.panels()
+    return params
+
+
+def _splits() -> list[hello_imgui.DockingSplit]:
+    """Return the layout: balls over map and curves, controls on the right, time below."""
+    down, right = imgui.Dir.down, imgui.Dir.right
+    return [
+        hello_imgui.DockingSplit("MainDockSpace", "RightSpace", right, 0.24),
+        hello_imgui.DockingSplit("RightSpace", "LobesSpace", down, 0.54),
+        hello_imgui.DockingSplit("LobesSpace", "InspectorSpace", down, 0.26),
+        hello_imgui.DockingSplit("MainDockSpace", "TimelineSpace", down, 0.12),
+        hello_imgui.DockingSplit("MainDockSpace", "LowerSpace", down, 0.42),
+        hello_imgui.DockingSplit("LowerSpace", "CurvesSpace", right, 0.5),
+    ]

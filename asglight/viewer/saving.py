@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the window saves: the edits as a layer over the stage, the picture as a PNG."""
+
+import contextlib
+import os
+import secrets
+from pathlib import Path
+from typing import NamedTuple
+
+import moderngl
+import numpy as np
+from PIL import Image
+
+from asglight.errors import InputError
+from asglight.images.message import shown
+from asglight.lobes import LobeTracks
+from asglight.usd import write_edit_layer
+from asglight.viewer.session import Session
+
+
+class Edited(NamedTuple):
+    """Edits to write: nothing in it changes while it is written.
+
+    Attributes:
+        stage: The stage that the lobes were read from.
+        tracks: The tracks with their edits.
+        lobes: Indices of the lobes that were edited.
+    """
+
+    stage: Path | None
+    tracks: LobeTracks
+    lobes: tuple[int, ...]
+
+
+def edited(session: Session) -> Edited:
+    """Return what a session has edited."""
+    history = session.state.history
+    return Edited(session.stage, history.tracks, history.edited_lobes)
+
+
+def save_edits(edits: Edited, path: Path) -> None:
+    """Write edits as a layer that leaves the stage untouched.
+
+    Raises:
+        InputError: Nothing is edited, there is no stage under the edits, or it cannot be written.
+    """
+    if not edits.lobes:
+        raise InputError("edits: none made; expected one or more. Change a lobe first.")
+    if edits.stage is None:
+        raise InputError(
+            "edits: no stage under them; expected lobes that were read from one. "
+            "Fit with: asglight fit INPUT -o shot.usda, and open that."
+        )
+    write_edit_layer(path, edits.stage, edits.tracks, edits.lobes)
+
+
+def display_pixels(target: moderngl.Framebuffer) -> np.ndarray:
+    """Read a display target: sRGB, 8 bits, row 0 at the top.  [H, W, 3]."""
+    width, height = target.size
+    pixels = np.frombuffer(target.read(components=3, alignment=1), np.uint8)
+    return pixels.reshape(height, width, 3)
+
+
+def write_png(path: Path, pixels: np.ndarray) -> None:
+    """Write a PNG file beside its target and rename it, so a failure leaves the target as it was.
+
+    Args:
+        path: The target; its folder must exist.
+        pixels: sRGB, 8 bits.  [H, W, 3]
+
+    Raises:
+        InputError: The file cannot be written there.
+    """
+    # A name of its own, so that two writers of one target do not meet; hidden from folder scans.
+    temporary = path.parent / f".asglight-{secrets.token_hex(4)}.png"
+    try:
+        Image.fromarray(pixels).save(temporary, format="PNG")
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(
+            f"{shown(path)}: cannot be written ({error.strerror or error}); expected a folder "
+            "with room and the permission to write. Check the output path."
+        ) from error
+    finally:
+        # Nothing to remove after success or in a folder that is none; the error above says more.
+        with contextlib.suppress(OSError):
+            temporary.unlink()

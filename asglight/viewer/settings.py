@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the viewer remembers from one session to the next: habits, not the shot's own values."""
+
+import json
+from contextlib import suppress
+
+from asglight.viewer.balls import Material
+from asglight.viewer.display import ViewTransform
+from asglight.viewer.playback import Pace
+from asglight.viewer.state import ViewerState
+
+
+def as_text(state: ViewerState) -> str:
+    """Return a session's settings as JSON."""
+    return json.dumps(
+        {
+            "view": state.display.transform,
+            "zebra": state.display.zebra,
+            "material": state.material,
+            "background": state.environment.is_shown,
+            "pace": state.playback.pace,
+            "loop": state.playback.loops,
+        }
+    )
+
+
+def restore(state: ViewerState, text: str) -> None:
+    """Bring a session to remembered settings; what cannot be read keeps its default."""
+    try:
+        values = json.loads(text)
+    except ValueError:
+        return
+    if not isinstance(values, dict):
+        return
+    with suppress(ValueError):
+        state.display.transform = ViewTransform(values.get("view"))
+    with suppress(ValueError):
+        state.material = Material(values.get("material"))
+    with suppress(ValueError):
+        state.playback.pace = Pace(values.get("pace"))
+    state.display.zebra = values.get("zebra") is True
+    state.environment.is_shown = values.get("background") is True
+    state.playback.loops = values.get("loop") is not False

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The playhead, with times that the tests make up."""
+
+import pytest
+
+from asglight.viewer.playback import Pace, Playback
+
+FPS = 24.0
+
+
+def playback(frames: range | list[int] = range(1001, 1011)) -> Playback:
+    return Playback(list(frames), FPS)
+
+
+def shown(head: Playback, times: list[float]) -> list[int]:
+    """Return the frame at each time, in frame times after the start."""
+    frames = []
+    for time in times:
+        head.tick(100.0 + time / FPS)
+        frames.append(head.frame)
+    return frames
+
+
+@pytest.mark.parametrize(
+    ("wanted", "found"),
+    [(1001, 1001), (1002, 1002), (1003, 1002), (1004, 1004), (0, 1001), (5000, 1004)],
+)
+def test_going_to_a_frame_shows_the_nearest_there_is(wanted: int, found: int) -> None:
+    head = playback([1001, 1002, 1004])
+    head.go_to(wanted)
+    assert head.frame == found
+
+
+def test_steps_skip_the_gap_and_stop_at_the_ends() -> None:
+    head = playback([1001, 1002, 1004])
+    seen = []
+    for step in (-1, 1, 1, 1, -1, -5):
+        head.step(step)
+        seen.append(head.frame)
+    assert seen == [1001, 1002, 1004, 1004, 1002, 1001]
+
+
+def test_real_time_drops_frames_and_keeps_the_time() -> None:
+    head = playback()
+    head.play(100.0)
+    assert shown(head, [0, 0.9, 1, 4.5, 8.999, 9]) == [1001, 1001, 1002, 1005, 1009, 1010]
+
+
+def test_real_time_loops_after_the_length_of_the_range() -> None:
+    head = playback()
+    head.play(100.0)
+    assert shown(head, [9.5, 10, 12, 25]) == [1010, 1001, 1003, 1006]
+    assert head.is_playing
+
+
+def test_every_frame_misses_none_however_late_the_pictures() -> None:
+    head = playback()
+    head.pace = Pace.EVERY_FRAME
+    head.play(100.0)
+    assert shown(head, [0, 3, 6, 9, 9.5, 10]) == [1001, 1002, 1003, 1004, 1004, 1005]
+
+
+def test_every_frame_keeps_the_rate_on_a_screen_of_60_hertz() -> None:
+    head = playback(range(1, 101))
+    head.pace = Pace.EVERY_FRAME
+    head.play(100.0)
+    pictures = [tick * FPS / 60 for tick in range(121)]  # two seconds
+    assert shown(head, pictures)[-1] == 1 + 2 * FPS
+
+
+def test_without_loop_playing_ends_on_the_last_frame() -> None:
+    for pace in Pace:
+        head = playback()
+        head.pace, head.loops = pace, False
+        head.play(100.0)
+        assert shown(head, [float(t) for t in range(1, 12)])[-1] == 1010
+        assert not head.is_playing
+
+
+def test_gaps_are_held_on_the_frame_before_them() -> None:
+    for pace in Pace:
+        head = playback([1, 2, 5, 6])
+        head.pace = pace
+        head.play(100.0)
+        assert shown(head, [0, 1, 2, 3, 4, 5, 6]) == [1, 2, 2, 2, 5, 6, 1], pace
+
+
+def test_marks_bound_what_plays_but_not_what_is_looked_at() -> None:
+    head = playback()
+    head.go_to(1004)
+    head.mark_in()
+    head.go_to(1006)
+    head.mark_out()
+    head.go_to(1009)
+    assert head.frame == 1009
+    head.play(100.0)
+    assert shown(head, [0, 1, 2, 3]) == [1004, 1005, 1006, 1004]
+    head.clear_marks()
+    assert (head.first, head.last) == (0, 9)
+
+
+def test_a_mark_beyond_the_other_takes_it_along() -> None:
+    head = playback()
+    head.go_to(1003)
+    head.mark_out()
+    head.go_to(1007)
+    head.mark_in()
+    assert (head.frames[head.first], head.frames[head.last]) == (1007, 1007)
+    head.go_to(1002)
+    head.mark_out()
+    assert (head.frames[head.first], head.frames[head.last]) == (1002, 1002)
+
+
+def test_scrubbing_while_playing_plays_on_from_there() -> None:
+    head = playback()
+    head.play(100.0)
+    assert shown(head, [2.0]) == [1003]
+    head.go_to(1008)
+    assert shown(head, [2.5, 3.0, 4.0]) == [1008, 1009, 1010]
+
+
+def test_stepping_pauses() -> None:
+    head = playback()
+    head.play(100.0)
+    head.step(1)
+    assert shown(head, [5.0]) == [1002]
+    assert not head.is_playing
+
+
+def test_play_at_the_end_starts_again() -> None:
+    head = playback()
+    head.go_to(1010)
+    head.play(100.0)
+    assert head.frame == 1001
