@@ -4,6 +4,7 @@
 import argparse
 import math
 import os
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -114,8 +115,21 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
             f"asglight {metadata.get('asglight', 'unknown')}"
         )
     lines += left_out_lines(metadata)
+    lines += part_lines(metadata.get("parts", []))
     repaired = repair_line(metadata["repairs"]) if "repairs" in metadata else ""
     return [*lines, repaired] if repaired else lines
+
+
+def part_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return one line for each part of a stitched shot, and one more where it was repaired."""
+    lines = []
+    for part in parts:
+        lines.append(
+            f"part {part['name']}: {frame_range(part['frames'])}, {counted(part['lobes'], 'lobe')}"
+        )
+        repaired = repair_line(part["repairs"]) if "repairs" in part else ""
+        lines += [f"part {part['name']}: {repaired}"] if repaired else []
+    return lines
 
 
 def lobe_table(rows: list[dict[str, Any]]) -> str:

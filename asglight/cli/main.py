@@ -22,6 +22,7 @@ from asglight.errors import InputError
 
 COMMANDS = {
     "fit": "fit lobes to an image or sequence and write them as USD lights",
+    "stitch": "join stages of parts of a shot that were fitted apart",
     "eval": "measure the error of a stage against the images it was fitted to",
     "info": "show what a stage holds",
     "view": "show lobes and images in a window, or write a picture of them",

@@ -156,6 +156,29 @@ def continuous_quaternions(quaternions: Tensor) -> Tensor:
     return torch.cat([quaternions[:1], quaternions[1:] * signs[..., None]])
 
 
+def slerp(start: Tensor, end: Tensor, part: Tensor) -> Tensor:
+    """Turn frames evenly from one to another, the shorter way.
+
+    [Shoemake 1985, "Animating rotation with quaternion curves"]
+
+    Args:
+        start: Frames.  [..., 3, 3]
+        end: Frames, less than 180 degrees from `start`.  [..., 3, 3]
+        part: How far, from 0 to 1.  [...]
+
+    Returns:
+        Frames.  [..., 3, 3]
+    """
+    first, last = quaternion_from_axes(start), quaternion_from_axes(end)
+    last = torch.where((first * last).sum(-1, keepdim=True) < 0, -last, last)
+    # half the angle of the turn, from the chord: exact where the frames are nearly the same
+    angle = 2 * torch.asin(((last - first).norm(dim=-1) / 2).clamp(max=1))
+    # sin(p a) / sin(a) as a ratio of sinc, which is p itself where nothing turns
+    whole = torch.sinc(angle / torch.pi)
+    weights = [p * torch.sinc(p * angle / torch.pi) / whole for p in (1 - part, part)]
+    return axes_from_quaternion(weights[0][..., None] * first + weights[1][..., None] * last)
+
+
 def _quarter_turn(lobes: Lobes, where: Tensor) -> Lobes:
     """Turn frames by 90 degrees about z and swap the sharpnesses, for the marked lobes."""
     turned = torch.stack([lobes.axis_y, -lobes.axis_x, lobes.axis_z], dim=-2)

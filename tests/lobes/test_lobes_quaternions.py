@@ -99,3 +99,14 @@ def test_continuous_quaternions_follow_two_whole_turns_without_a_jump() -> None:
 def test_continuous_quaternions_of_one_frame_are_those() -> None:
     one = double([[[-0.5, 0.5, 0.5, 0.5]]])
     assert torch.equal(frames.continuous_quaternions(one), one)
+
+
+@pytest.mark.parametrize("part", [0.0, 0.25, 0.5, 1.0])
+def test_slerp_turns_as_scipy_does(part: float) -> None:
+    start = lobe_samples.random_rotations(50, seed=1)
+    turns = np.random.default_rng(2).uniform(-1.5, 1.5, size=(50, 3))
+    turns[0], turns[1] = 0.0, 1e-9  # none, and less than rounding
+    end, expected = (Rotation.from_rotvec(scale * turns) * start for scale in (1, part))
+    parts = torch.full((50,), part, dtype=torch.float64)
+    found = frames.slerp(_axes(start), _axes(end), parts)
+    assert torch.allclose(found, _axes(expected), atol=1e-12)  # turns by up to 150 degrees

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`asglight stitch`: one stage from parts of a shot that were fitted on several machines."""
+
+import argparse
+import glob
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from asglight.cli.info import part_lines, representation_of
+from asglight.cli.parser import add_json_option
+from asglight.cli.printing import counted, frame_range, print_json, size
+from asglight.errors import InputError
+from asglight.images.message import shown
+from asglight.lobes import LobeTracks
+from asglight.lobes.stitching import stitched
+
+EXAMPLE = "asglight stitch part.*.usdc -o shot.usdc"
+
+OF_FRAMES = (
+    "loss",
+    "flux_error",
+    "repairs",
+    "left_out",
+    "tolerance_met",
+    "worst_errors",
+)
+"""Metadata that is true of the frames of one part only, and stays with it."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `stitch`."""
+    parts = "stages of the parts, in any order, or patterns such as part.*.usdc"
+    parser.add_argument("parts", nargs="+", metavar="STAGE", help=parts)
+    output = "stage: .usda, .usdc or .usd; none of the parts"
+    parser.add_argument("-o", "--output", required=True, metavar="STAGE", help=output)
+    add_json_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read the parts, write the shot, and say what was written."""
+    from asglight.usd import read_usd, write_usd
+
+    files = part_files(arguments.parts)
+    check_apart(arguments.output, files)
+    parts = sorted(((read_usd(file), file) for file in files), key=lambda pair: pair[0].frames)
+    tracks = stitched([part for part, _ in parts], [shown(file) for _, file in parts])
+    account = [row for part, file in parts for row in part_rows(part, file)]
+    metadata = {name: tracks.metadata[name] for name in tracks.metadata if name not in OF_FRAMES}
+    tracks = LobeTracks(tracks.frames, tracks.fps, tracks.lobes, metadata | {"parts": account})
+    variant = representation_of(parts[0][1]) or "cards"
+    written = write_usd(tracks, arguments.output, representation=variant)
+    document = {
+        "output": arguments.output,
+        "bytes": written.bytes,
+        "lobes": tracks.lobes.count,
+        "form": str(tracks.lobes.form),
+        "fps": tracks.fps,
+        "frames": list(tracks.frames),
+        "parts": account,
+    }
+    if arguments.json:
+        print_json(document)
+    else:
+        print("\n".join(summary_lines(document)))
+    return 0
+
+
+def part_files(words: Sequence[str]) -> list[str]:
+    """Return the files that are meant: patterns expanded, which not every shell does.
+
+    Raises:
+        InputError: A pattern matches nothing.
+    """
+    files: dict[str, None] = {}  # a set that keeps the order
+    for word in words:
+        is_pattern = glob.has_magic(word) and not Path(word).exists()
+        found = sorted(glob.glob(word)) if is_pattern else [word]
+        if not found:
+            raise InputError(
+                f"{shown(word)}: no file matches; expected the stages of the parts. "
+                "Check the folder and the pattern."
+            )
+        files |= dict.fromkeys(found)
+    return list(files)
+
+
+def check_apart(output: str, files: Sequence[str]) -> None:
+    """Check that writing the shot leaves every part as it is, the images of its dome as well.
+
+    Raises:
+        InputError: The output is a part, or has the dome folder of one.
+    """
+    for file in files:
+        # folders of domes are named after stems: a.usda and a.usdc share theirs
+        if _stem(output) == _stem(file):
+            raise InputError(
+                f"{shown(output)}: would overwrite the part {shown(file)} or the images of its "
+                "dome; expected a name of its own. Choose another output."
+            )
+
+
+def _stem(path: str) -> Path:
+    return Path(path).resolve().with_suffix("")
+
+
+def part_rows(part: LobeTracks, file: str) -> list[dict[str, Any]]:
+    """Return what the shot remembers of a part; of one that is stitched itself, of its parts."""
+    if "parts" in part.metadata:
+        return list(part.metadata["parts"])
+    of_frames = {name: part.metadata[name] for name in OF_FRAMES if name in part.metadata}
+    row = {"name": Path(file).name, "frames": list(part.frames), "lobes": part.lobes.count}
+    return [row | of_frames]
+
+
+def summary_lines(document: dict[str, Any]) -> list[str]:
+    """Return the shot and its parts as the few lines a user reads."""
+    frames = document["frames"]
+    head = (
+        f"{document['output']}: {counted(document['lobes'], 'lobe')}, "
+        f"{counted(len(frames), 'frame')} ({frame_range(frames)}) at {document['fps']:g} fps, "
+        f"{size(document['bytes'])}, from {counted(len(document['parts']), 'part')}"
+    )
+    return [head, *part_lines(document["parts"])]

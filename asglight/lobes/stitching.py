@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One shot from parts that were fitted apart, each lobe keeping its identity across the seams.
+
+A lobe of one part is the lobe of the next that sends the same light. What a pairing costs is light
+times the square of how far it has to be carried, over the frames that both parts have:
+
+    c_ij = mean over frames of  min(p_i, p_j) d_ij^2 + |p_i - p_j|
+    d_ij^2 = (angle / 10 degrees)^2 + mean over both axes of (ln((s_i + 1/2) / (s_j + 1/2)) / 2)^2
+
+p are shares of the frame's flux. The unit is all of the light, carried by 10 degrees, beyond which
+a lit lobe jumps; a factor e in width counts as that much. Light without a counterpart is put out or
+lit, for 1: a lobe that stays alone costs its share. Pairing saves p_i + p_j - c_ij, which is
+min(p_i, p_j) (2 - d_ij^2), and the assignment with the largest sum is taken.
+
+Over the frames that both parts have, a pair goes over from one to the other evenly in time: flux
+linearly, so that every frame has the flux of the blend; frames by slerp, the logarithm of sharpness
+linearly. A lit pair that would have to turn too far is faded out and in as two tracks. Where such a
+track is dark before or after it may be another lobe: dark lobes turn unseen.
+
+Dimension letters: F, G frames, K frames in both parts, N, M lobes.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal, NamedTuple
+
+import torch
+from scipy.optimize import linear_sum_assignment
+from torch import Tensor
+
+from asglight.errors import InputError
+from asglight.lobes import asg
+from asglight.lobes.data import Form, Lobes, LobeTracks
+from asglight.lobes.frames import align, continuous, orthonormal, slerp
+
+CARRIED_DEG = 10.0
+"""How far light is carried for the price of putting it out or lighting it."""
+
+CARRIED_LOG = 2.0
+"""The same as a factor on sharpness, its logarithm: e in width."""
+
+BROAD = 0.5
+"""Added to sharpness there, as in a fit (fitting/coordinates.py): below it all lobes look alike."""
+
+TURN_MAX_DEG = 9.95
+"""A lit lobe turns by less from frame to frame. Beyond 10 degrees is a jump; the rest is more than
+float32 loses, and a fit, which lets lobes turn by 9.9, passes."""
+
+LIT_SHARE = 0.01
+"""Share of the flux above which a turn beyond that is a jump."""
+
+DARK_SHARE = 1e-4
+"""Share of the flux below which nobody sees a lobe move, as in a fit (fitting/temporal.py)."""
+
+
+class _Seam(NamedTuple):
+    """Two neighbouring parts, of which the last and the first K frames are the same.
+
+    Attributes:
+        before: Lobes of the earlier part.  [F, N, .]
+        after: Lobes of the later part.  [G, M, .]
+        overlap: K.
+    """
+
+    before: Lobes
+    after: Lobes
+    overlap: int
+
+
+class _Row(NamedTuple):
+    """One track of the two parts together: its lobe in each, and which one gives the place."""
+
+    before: int | None
+    after: int | None
+    leader: Literal["before", "after"] | None = None
+
+
+def stitched(parts: Sequence[LobeTracks], names: Sequence[str] | None = None) -> LobeTracks:
+    """Join parts of a shot.
+
+    Args:
+        parts: In any order. Neighbours have frames in common or follow each other.
+        names: What to call them in a message; by their frames without.
+
+    Returns:
+        The tracks in float32, with the metadata of the part that begins first. The lobes of that
+        part come first, in its order.
+
+    Raises:
+        InputError: There is no part, or they do not make up a shot.
+    """
+    if not parts:
+        raise InputError("parts: none; expected at least one.")
+    named = list(zip(parts, names or [_range(part.frames) for part in parts], strict=True))
+    named.sort(key=lambda pair: pair[0].frames[0])
+    _check_alike(named)
+    first, _ = named[0]
+    frames, lobes = first.frames, _exact(first.lobes)
+    for (_, name), (part, next_name) in itertools.pairwise(named):
+        overlap = _overlap(frames, part.frames, f"{name} and {next_name}", _step(parts))
+        lobes = _joined(_Seam(lobes, _exact(part.lobes), overlap))
+        frames = (*frames, *part.frames[overlap:])
+    return LobeTracks(frames, first.fps, continuous(lobes).to(torch.float32), first.metadata)
+
+
+def _exact(lobes: Lobes) -> Lobes:
+    lobes = lobes.to("cpu", torch.float64)
+    return replace(lobes, axes=orthonormal(lobes.axes))
+
+
+def _range(frames: Sequence[int]) -> str:
+    return f"{frames[0]}-{frames[-1]}" if len(frames) > 1 else f"{frames[0]}"
+
+
+def _step(parts: Sequence[LobeTracks]) -> int:
+    """Return the distance between neighbouring frames; 1 where no part has two."""
+    steps = [b - a for part in parts for a, b in itertools.pairwise(part.frames)]
+    return min(steps, default=1)
+
+
+def _check_alike(named: Sequence[tuple[LobeTracks, str]]) -> None:
+    for (part, name), (other, other_name) in itertools.pairwise(named):
+        if part.fps != other.fps:
+            raise InputError(
+                f"{other_name}: {other.fps:g} fps, but {name} has {part.fps:g}; expected parts of "
+                "one rate. Fit them with the same --fps."
+            )
+        if part.lobes.form is not other.lobes.form:
+            raise InputError(
+                f"{other_name}: lobes of form {other.lobes.form}, but {name} has "
+                f"{part.lobes.form}; expected one form. Fit the parts with the same --form."
+            )
+        if part.frames[0] == other.frames[0] or part.frames[-1] >= other.frames[-1]:
+            raise InputError(
+                f"{other_name}: frames {_range(other.frames)} beside {_range(part.frames)} of "
+                f"{name}; expected parts of which each begins and ends after the one before. "
+                "Leave one of the two out."
+            )
+
+
+def _overlap(frames: Sequence[int], following: Sequence[int], names: str, step: int) -> int:
+    """Return how many frames both have.
+
+    Raises:
+        InputError: Frames are missing between them, or they differ where they overlap.
+    """
+    if following[0] - frames[-1] > step:
+        gap = _range(range(frames[-1] + step, following[0], step))
+        raise InputError(
+            f"{names}: between them frames are missing ({gap}); expected parts that follow each "
+            "other or overlap. Fit those frames too."
+        )
+    overlap = sum(frame >= following[0] for frame in frames)
+    if tuple(frames[len(frames) - overlap :]) != tuple(following[:overlap]):
+        raise InputError(
+            f"{names}: different frames in {following[0]}-{frames[-1]}, where they overlap; "
+            "expected the same ones. Fit them with frames of one sequence."
+        )
+    return overlap
+
+
+def _joined(seam: _Seam) -> Lobes:
+    """Return the lobes of both parts: N and those without a place there.  [F + G - K, ., .]."""
+    before, after, overlap = _paired(seam)
+    start = len(before.axes) - overlap
+    pieces = (before[:start], _blend(before[start:], after[:overlap]), after[overlap:])
+    return replace(
+        before,
+        axes=torch.cat([piece.axes for piece in pieces]),
+        sharpness=torch.cat([piece.sharpness for piece in pieces]),
+        amplitude=torch.cat([piece.amplitude for piece in pieces]),
+    )
+
+
+def _blend(before: Lobes, after: Lobes) -> Lobes:
+    """Go over from one to the other evenly in time.  Two [K, N, .] -> [K, N, .]."""
+    after = align(after, before)
+    part = _parts_of(after)[..., None]
+    sharpness = torch.lerp(before.sharpness.log(), after.sharpness.log(), part).exp()
+    blend = replace(before, axes=_turned(before, after), sharpness=sharpness)
+    flux = torch.lerp(asg.flux(before), asg.flux(after), part)
+    return replace(blend, amplitude=flux / asg.integral(blend)[..., None])
+
+
+def _turned(before: Lobes, after: Lobes) -> Tensor:
+    """Return the frames of the blend of aligned lobes.  Two [K, ..., N, .] -> [K, ..., N, 3, 3]."""
+    return slerp(before.axes, after.axes, _parts_of(after))
+
+
+def _parts_of(lobes: Lobes) -> Tensor:
+    """Return how far each of K frames has gone over to the later part.  [K, 1, ...]."""
+    count = len(lobes.axes)
+    part = torch.arange(1, count + 1, dtype=torch.float64) / (count + 1)
+    return part.reshape(-1, *[1] * (lobes.axes.ndim - 3))
+
+
+def _paired(seam: _Seam) -> _Seam:
+    """Give every lobe its counterpart: the same lobe, one that is dark there, or a black one.
+
+    Over the overlap a dark or black counterpart lies where the lit lobe does, so that the two blend
+    to that lobe with a part of its light.
+    """
+    before, after, overlap = seam
+    rows = _rows(seam)
+    kept = torch.tensor([row.before is not None for row in rows])
+    comes = torch.tensor([row.after is not None for row in rows])
+    follows = torch.tensor([row.leader == "after" for row in rows])
+    leads = torch.tensor([row.leader == "before" for row in rows])
+    before = before.select(torch.tensor([row.before or 0 for row in rows]))
+    after = after.select(torch.tensor([row.after or 0 for row in rows]))
+    led_before = _led(before, after, overlap, follows, ~kept)
+    led_after = _reversed(_led(_reversed(after), _reversed(before), overlap, leads, ~comes))
+    return _Seam(led_before, led_after, overlap)
+
+
+def _rows(seam: _Seam) -> list[_Row]:
+    """Return the tracks of both parts together, those of the earlier part in its order."""
+    before, after, overlap = seam
+    same = _same_lobes(seam)
+    ended = [i for i in range(before.count) if i not in same]
+    begun = [j for j in range(after.count) if j not in same.values()]
+    # two dark frames beside the overlap, between which the lobe turns
+    dark_before = _is_dark(before[max(len(before.axes) - overlap - 2, 0) :])
+    dark_after = _is_dark(after[: overlap + 2])
+    idle = [i for i in ended if dark_before[i]]
+    fading = [i for i in ended if not dark_before[i]]
+    spare = [j for j in begun if dark_after[j]]
+    rising = [j for j in begun if not dark_after[j]] + spare[len(fading) :]
+    rows = [_Row(i, j) for i, j in same.items()]
+    rows += [_Row(i, j, "before") for i, j in itertools.zip_longest(fading, spare[: len(fading)])]
+    rows += [
+        _Row(i, j, "before" if j is None else "after")
+        for i, j in itertools.zip_longest(idle, rising)
+    ]
+    return sorted(rows, key=lambda row: before.count if row.before is None else row.before)
+
+
+def _led(own: Lobes, other: Lobes, overlap: int, led: Tensor, black: Tensor) -> Lobes:
+    """Lay dark lobes where their counterparts in the later part will be, flux as it was.
+
+    Args:
+        own: The earlier part.  [F, N, .]
+        other: The later part.  [G, N, .]
+        overlap: K.
+        led: Which lobes: from the frame before the overlap on.  [N]
+        black: Those that have no light at all: in every frame.  [N]
+    """
+    count = len(own.axes)
+    frame = torch.arange(count)
+    there = other[(frame - (count - overlap)).clamp(min=0, max=len(other.axes) - 1)]
+    moved = (led & (frame >= count - overlap - 1)[:, None]) | black  # [F, N]
+    flux = torch.where(black[:, None], 0.0, asg.flux(own))
+    laid = replace(
+        own,
+        axes=torch.where(moved[..., None, None], there.axes, own.axes),
+        sharpness=torch.where(moved[..., None], there.sharpness, own.sharpness),
+    )
+    amplitude = torch.where(moved[..., None], flux / asg.integral(laid)[..., None], own.amplitude)
+    return replace(laid, amplitude=amplitude)
+
+
+def _reversed(lobes: Lobes) -> Lobes:
+    return lobes[torch.arange(len(lobes.axes) - 1, -1, -1)]
+
+
+def _same_lobes(seam: _Seam) -> dict[int, int]:
+    """Return which lobe of the later part each lobe of the earlier one goes on as."""
+    before, after, overlap = seam
+    count = max(overlap, 1)  # parts that only touch are compared across the seam
+    lobes, others = _all_pairs(before[len(before.axes) - count :], after[:count])
+    shares = _shares(before[len(before.axes) - count :], after[:count])
+    turn = _turn_deg(lobes, others)
+    widths = ((others.sharpness + BROAD) / (lobes.sharpness + BROAD)).log() / CARRIED_LOG
+    distance = (turn / CARRIED_DEG).square() + widths.square().mean(-1)
+    saved = (torch.minimum(*shares) * (2 - distance)).mean(0)  # [N, M]
+    far = ((turn > TURN_MAX_DEG) & (torch.maximum(*shares) > LIT_SHARE)).any(0)
+    saved = torch.where(far | _jumps(seam), 0.0, saved.clamp(min=0))
+    rows, columns = linear_sum_assignment(saved.numpy(), maximize=True)
+    found = zip(rows.tolist(), columns.tolist(), strict=True)
+    return {i: j for i, j in found if float(saved[i, j]) > 0}
+
+
+def _jumps(seam: _Seam) -> Tensor:
+    """Tell which pairs would turn too far while lit: into the overlap, in it, or out.  [N, M]."""
+    before, after, overlap = seam
+    last = before[len(before.axes) - overlap - 1 :]  # K + 1 frames, as of the later part
+    lobes, others = _all_pairs(last, after[: overlap + 1])
+    share, other_share = _shares(last, after[: overlap + 1])
+    lit = torch.cat([share[:1], torch.maximum(share[1:], other_share[:-1]), other_share[-1:]])
+    lit = torch.maximum(lit[:-1], lit[1:]) > LIT_SHARE
+    over = _turned(lobes[1:], align(others[:-1], lobes[1:]))
+    axes = torch.cat([lobes.axes[:1], over, others.axes[-1:]])
+    path = replace(lobes, axes=axes[:-1]), replace(lobes, axes=axes[1:])
+    return ((_turn_deg(*path) > TURN_MAX_DEG) & lit).any(0)
+
+
+def _all_pairs(before: Lobes, after: Lobes) -> tuple[Lobes, Lobes]:
+    """Hold every lobe beside every other, their frames aligned.  Two [K, N, M, .]."""
+    size = (len(before.axes), before.count, after.count)
+    first = Lobes(
+        before.axes[:, :, None].expand(*size, 3, 3),
+        before.sharpness[:, :, None].expand(*size, 2),
+        before.amplitude[:, :, None].expand(*size, 3),
+        before.form,
+    )
+    second = Lobes(
+        after.axes[:, None].expand(*size, 3, 3),
+        after.sharpness[:, None].expand(*size, 2),
+        after.amplitude[:, None].expand(*size, 3),
+        after.form,
+    )
+    return first, align(second, first)
+
+
+def _shares(before: Lobes, after: Lobes) -> tuple[Tensor, Tensor]:
+    """Return the flux shares of the lobes of every pair.  Two [K, N, M]."""
+    first, second = _share(before), _share(after)
+    size = (len(first), before.count, after.count)
+    return first[:, :, None].expand(size), second[:, None].expand(size)
+
+
+def _share(lobes: Lobes) -> Tensor:
+    """Return each lobe's share of its frame's flux; zeros where all is dark.  [F, N]."""
+    flux = asg.flux(lobes).sum(-1)
+    return flux / flux.sum(-1, keepdim=True).clamp(min=torch.finfo(flux.dtype).tiny)
+
+
+def _turn_deg(lobes: Lobes, others: Lobes) -> Tensor:
+    """Return the angle between the directions of lobes, of bingham ones between their lines."""
+    chord = (lobes.axis_z - others.axis_z).norm(dim=-1)
+    if lobes.form is Form.BINGHAM:
+        chord = torch.minimum(chord, (lobes.axis_z + others.axis_z).norm(dim=-1))
+    return 2 * torch.rad2deg(torch.asin((chord / 2).clamp(max=1)))
+
+
+def _is_dark(lobes: Lobes) -> list[bool]:
+    """Tell which lobes nobody sees in any of the frames.  [N]."""
+    return (_share(lobes) < DARK_SHARE).all(0).tolist()
