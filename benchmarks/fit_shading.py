@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes, frames
-from asglight.shading import brute_force, ggx, ggx_lobes
+from asglight.shading import brute_force, ggx, ggx_layer, ggx_lobes
 from asglight.shading.sheets import Sheets, Window, sheets
 
 OUTPUT = Path(ggx_lobes.__file__).with_name("ggx_lobes_constants.py")
@@ -152,19 +152,19 @@ def points(lobe: Lobes, roughness: float) -> tuple[Tensor, Tensor]:
 
 def shown(constants: Constants, samples: Samples) -> Tensor:
     """Return what the closed form shows.  [B, P]."""
-    layer = ggx_lobes.layer_from(
+    layer = ggx_layer.layer_from(
         samples.roughness[:, None], constants["kernel"], constants["share"]
     )
-    over_points = ggx_lobes.Layer(layer.alpha[:, None], layer.kernel[:, None], layer.share[:, None])
+    over_points = ggx_layer.Layer(layer.alpha[:, None], layer.kernel[:, None], layer.share[:, None])
     at_sheets = over_points._replace(kernel=layer.kernel, share=layer.share[:, None])
     made, seen = samples.sheets, ggx_lobes.surface(samples.normals, VIEW)
     places = {Window.COSINE: 0, Window.STEP: 1}
     unmoved = made.window is Window.COSINE
     moved = 0.0 if unmoved else constants["move"][0 if made.window is Window.STEP else 1]
     disc = constants["log_disc"][places[made.window]].exp() if made.window in places else 0.25
-    part = ggx_lobes.share(made, at_sheets, moved)
+    part = ggx_layer.share(made, at_sheets, moved)
     blurred = ggx_lobes.broad(made, ggx_lobes.kernel(seen, over_points), disc)
-    tilted = ggx_lobes.tilt(made, VIEW, over_points)
+    tilted = ggx_layer.tilt(made, VIEW, over_points)
     mirrored = ggx_lobes.narrow(made, tilted, seen, over_points)
     return (part * mirrored + (1 - part) * samples.albedo * blurred).sum(1)
 

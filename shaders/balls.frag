@@ -12,7 +12,7 @@
 struct Sheet {
     vec4 axis_z;    // byte 0:  xyz unit axis, w mean of z
     vec4 spread_x;  // byte 16: xyz axis_x times the deviation of x, w variance of z
-    vec4 spread_y;  // byte 32: xyz axis_y times the deviation of y, w (1 - v.h)^5 at axis_z
+    vec4 spread_y;  // byte 32: xyz axis_y times the deviation of y, w mean of (1 - v.h)^5
     vec4 light;     // byte 48: rgb amplitude times integral over pi, w unused
 };
 

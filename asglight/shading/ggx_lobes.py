@@ -11,8 +11,8 @@ Gaussians around a direction between mirror and normal, and each blurs the sheet
 in a common tangent plane (the convolution of Xu et al. 2013), the light under the sheet is kept.
 What the Gaussians are, for every roughness and n.v, is fitted (`ggx_lobes_constants.py`).
 
-`share` says how much of each, by sheet and roughness alone. docs/shading.md has derivations and
-measured errors. The twin is shaders/lib/ggx_lobes.glsl.
+`ggx_layer.share` says how much of each, by sheet and ball alone. docs/shading.md has derivations
+and measured errors. The twin is shaders/lib/ggx_lobes.glsl.
 
 All but `radiance` and `reflected` take sheets with a dimension of points (`Sheets.over_points`) and
 broadcast. Symbols: M sheets, P points, K Gaussians of the kernel.
@@ -26,30 +26,19 @@ from torch import Tensor
 
 from asglight.lobes import Lobes
 from asglight.shading import ggx
-from asglight.shading.ggx_lobes_constants import DISC, KERNEL, MOVE, SHARE
-from asglight.shading.rectified import cosine, rectified
+from asglight.shading.ggx_layer import SHARE_MOVES, Layer, Tilt, layer, share, slopes, tilt
+from asglight.shading.ggx_lobes_constants import DISC, KERNEL
+from asglight.shading.rectified import cosine, rectified, widened
 from asglight.shading.sheets import Sheets, Window, amplitudes, sheets
 
 TERMS = len(KERNEL[0]) // 4
 """K, Gaussians of the broad kernel."""
-
-ROUGHNESS_MIN, ROUGHNESS_MAX = 0.05, 1.0
-"""Where the constants are fitted; beyond, the nearer end's are taken."""
-
-SHARE_MIN = 1e-3
-"""A smaller share is taken as 0, so that a shader can leave the branch out."""
 
 COS_VIEW_MIN = 1e-4
 """Stands for n.v = 0 at the edge of a ball, where visibility is 0/0."""
 
 SIN_VIEW_MIN = 1e-5
 """Below it every tangent is as good: the layer looks the same from all sides."""
-
-HALF_MIN = 1e-4
-"""Least |view + axis_z|; for a light straight behind the surface there is no half vector."""
-
-UNSHARP_MIN = 1e-6
-"""Least 1 - alpha^2: at a roughness of 1 the distribution of slopes is infinitely wide."""
 
 OPPOSITE_MIN = 1e-12
 """Least |a + b|^2 of a sheet's axis and the kernel's: opposite ones have no common frame."""
@@ -61,27 +50,8 @@ DISC_A, DISC_B, DISC_C = 0.26962589, 0.07860289, 0.28103058
 """Of `disc_mean`: in q it is `(1 + A q + B q^2) / (1 + (A + 1/2) q + C q^2 + B q^3)`, with the
 least largest relative error."""
 
-
 DISC_SCALES = {Window.COSINE: DISC[0], Window.STEP: DISC[1], Window.NONE: 0.25}
 """What the variance is multiplied by in `disc_mean`. Without a window the disc has radius 2."""
-
-
-SHARE_MOVES = {Window.COSINE: 0.0, Window.STEP: MOVE[0], Window.NONE: MOVE[1]}
-"""What is added to the centre of `share`."""
-
-
-class Layer(NamedTuple):
-    """What a roughness decides.
-
-    Attributes:
-        alpha: Roughness squared.  [...]
-        kernel: Cubic polynomials of n.v, from the constant on.  [..., 4 K, 4]
-        share: Centre, log slope, weight of the ratio, log gain.  [..., 4]
-    """
-
-    alpha: Tensor
-    kernel: Tensor
-    share: Tensor
 
 
 class Surface(NamedTuple):
@@ -124,22 +94,6 @@ class Kernel(NamedTuple):
     variance_along: Tensor
 
 
-class Tilt(NamedTuple):
-    """How sheets spread half vectors; constant over a ball seen from far away.
-
-    Attributes:
-        half: Half vector of view and axis_z.  [..., 3]
-        cos_half: Its cosine to the view.  [...]
-        slope_x: Change of the half vector by one deviation along axis_x, times sqrt 2.  [..., 3]
-        slope_y: The same along axis_y.  [..., 3]
-    """
-
-    half: Tensor
-    cos_half: Tensor
-    slope_x: Tensor
-    slope_y: Tensor
-
-
 def radiance(lobes: Lobes, normals: Tensor, view: Tensor, roughness: float, f0: Tensor) -> Tensor:
     """Return what a GGX layer shows of all lobes together.
 
@@ -178,39 +132,12 @@ def reflected(
     """
     spread = made.over_points()
     seen = surface(normals, view)
-    part = share(spread, layer, SHARE_MOVES[made.window])[..., None]
     tilted = tilt(spread, view, layer)
-    grazing = (1 - tilted.cos_half[..., None]).clamp(0, 1) ** 5  # [Schlick 1994]
-    mirrored = narrow(spread, tilted, seen, layer)[..., None] * (f0 + (1 - f0) * grazing)
+    part = share(spread, layer, SHARE_MOVES[made.window])[..., None]
+    fresnel = f0 + (1 - f0) * tilted.grazing[..., None]
+    mirrored = narrow(spread, tilted, seen, layer)[..., None] * fresnel
     blurred = broad(spread, kernel(seen, layer), DISC_SCALES[made.window])[..., None]
     return part * mirrored + (1 - part) * blurred * (albedo[:, :1] * f0 + albedo[:, 1:])
-
-
-def layer(roughness: Tensor) -> Layer:
-    """Take the fitted constants at a roughness.  [...]."""
-    kernel, share = (
-        torch.tensor(constants, dtype=torch.float64).to(roughness) for constants in (KERNEL, SHARE)
-    )
-    return layer_from(roughness, kernel, share)
-
-
-def layer_from(roughness: Tensor, kernel: Tensor, share: Tensor) -> Layer:
-    """Sum Chebyshev polynomials of log(roughness).
-
-    Args:
-        roughness: [...]
-        kernel: Coefficients by degree.  [D, 4 K, 4]
-        share: Coefficients by degree.  [D, 4]
-    """
-    inside = roughness.clamp(ROUGHNESS_MIN, ROUGHNESS_MAX)
-    u = 2 * torch.log(inside / ROUGHNESS_MIN) / math.log(ROUGHNESS_MAX / ROUGHNESS_MIN) - 1
-    degrees = torch.arange(len(kernel), device=u.device)
-    basis = torch.cos(degrees * torch.acos(u.clamp(-1, 1))[..., None])
-    return Layer(
-        roughness**2,
-        torch.einsum("...d,dfk->...fk", basis, kernel),
-        torch.einsum("...d,df->...f", basis, share),
-    )
 
 
 def surface(normals: Tensor, view: Tensor) -> Surface:
@@ -335,24 +262,6 @@ def _window(
     return cut.mean if window is Window.COSINE else cut.probability
 
 
-def tilt(spread: Sheets, view: Tensor, layer: Layer) -> Tilt:
-    """Return half vectors of view and sheets, and how the sheets spread them.
-
-    Of h = (v + w) / |v + w| the derivative by w is (1 - h h^T) / |v + w|, and |v + w| = 2 v.h.
-    """
-    axis_x, axis_y, axis_z = spread.axes.unbind(-2)
-    total = axis_z + view
-    length = total.norm(dim=-1, keepdim=True).clamp(min=HALF_MIN)
-    half = total / length
-    gain = torch.exp(layer.share[..., 3])
-    deviations = (2 * gain[..., None] * spread.variance).sqrt() / length
-    slope_x, slope_y = (
-        (axis - half * _dot(half, axis)[..., None]) * deviations[..., i : i + 1]
-        for i, axis in enumerate((axis_x, axis_y))
-    )
-    return Tilt(half, 0.5 * length[..., 0], slope_x, slope_y)
-
-
 def narrow(spread: Sheets, tilt: Tilt, seen: Surface, layer: Layer) -> Tensor:
     """Return what the layer shows of each sheet of amplitude 1 at Fresnel reflectance 1.
 
@@ -363,36 +272,41 @@ def narrow(spread: Sheets, tilt: Tilt, seen: Surface, layer: Layer) -> Tensor:
     Returns:
         [..., M, P]
     """
-    alpha2 = layer.alpha * layer.alpha
-    p0 = alpha2 / (1 - alpha2).clamp(min=UNSHARP_MIN)
+    p0 = slopes(layer.alpha)
     x1, x2 = _dot(seen.tangent, tilt.slope_x), _dot(seen.bitangent, tilt.slope_x)
     y1, y2 = _dot(seen.tangent, tilt.slope_y), _dot(seen.bitangent, tilt.slope_y)
     p11, p22, p12 = x1 * x1 + y1 * y1, x2 * x2 + y2 * y2, x1 * x2 + y1 * y2
     determinant = p0 * p0 + p0 * (p11 + p22) + (x1 * y2 - x2 * y1).square()
     below = 1 / (1 + 2 * p0 + p11 + p22 + determinant)
     a11, a22, a12 = p0 + p11 + determinant, p0 + p22 + determinant, p12
+    # D is even in h: what is behind the horizon is cut off by the light itself, not by its axis.
     h1, h2, h3 = (_dot(a, tilt.half) for a in (seen.tangent, seen.bitangent, seen.normal))
     shape = (a22 * h1 * h1 - 2 * a12 * h1 * h2 + a11 * h2 * h2) / determinant + h3 * h3
     distribution = 1 / (math.pi * (determinant * below).sqrt() * shape * shape)
-    cut = rectified(*cosine(spread, seen.normal))
+    reflected = distribution * _visible(*cosine(spread, seen.normal), seen.cos_view, layer.alpha)
+    return spread.integral * reflected
+
+
+def _visible(mean: Tensor, deviation: Tensor, cos_view: Tensor, alpha: Tensor) -> Tensor:
+    """Return the mean of V n.l over the part of a light above the horizon.
+
+    Two nodes with the mean and variance of n.l over that part. Of a normal variable cut off at 0
+    the second moment is `m E + s^2` for E its mean (by parts); E itself is of the widened variable.
+    """
+    cut = rectified(mean, widened(deviation))
     lit = cut.probability.clamp(min=PROBABILITY_MIN)
     n_l = (cut.mean / lit).clamp(COS_LIGHT_MIN, 1)
-    visible = ggx.visibility(seen.cos_view, n_l, layer.alpha) * n_l
-    return torch.where(h3 > 0, spread.integral * lit * distribution * visible, 0.0)
-
-
-def share(spread: Sheets, layer: Layer, moved: float | Tensor) -> Tensor:
-    """Return the share of `narrow`; exactly 0 or 1 where it is within SHARE_MIN.
-
-    It rises with log(s alpha^2), which says how narrow the sheet is to the layer.
-    `moved` is the `SHARE_MOVES` of the window. The shapes of sheets and layer broadcast.  [..., M].
-    """
-    centre, log_slope, by_ratio, _ = layer.share.unbind(-1)
-    vx, vy = spread.disc_variance.unbind(-1)
-    narrowness = 0.5 * layer.alpha * layer.alpha / (vx * vy).sqrt()  # s alpha^2
-    place = torch.log10(narrowness) + by_ratio * torch.log10(vx / vy).abs()
-    part = torch.sigmoid(torch.exp(log_slope) * (place - centre - moved))
-    return torch.where(part < SHARE_MIN, 0.0, torch.where(part > 1 - SHARE_MIN, 1.0, part))
+    variance = deviation * deviation - n_l * (n_l - mean)
+    apart = torch.minimum(variance.clamp(min=0).sqrt(), torch.minimum(n_l, 1 - n_l))
+    low, high = n_l - apart, n_l + apart
+    return (
+        lit
+        * 0.5
+        * (
+            ggx.visibility(cos_view, low, alpha) * low
+            + ggx.visibility(cos_view, high, alpha) * high
+        )
+    )
 
 
 def _dot(a: Tensor, b: Tensor) -> Tensor:

@@ -48,6 +48,11 @@ def rectified(mean: Tensor, deviation: Tensor) -> Rectified:
     return Rectified((mean * probability + deviation * density).clamp(min=0), probability)
 
 
+def widened(deviation: Tensor) -> Tensor:
+    """Return the deviation of the normal variable that stands for n.w.  [...]."""
+    return deviation * (1 + WIDENING * deviation * deviation)
+
+
 def cosine(sheets: Sheets, normals: Tensor) -> tuple[Tensor, Tensor]:
     """Return mean and standard deviation of n.w over sheets with a dimension of points.
 
@@ -74,5 +79,5 @@ def irradiance_over_pi(sheets: Sheets, normals: Tensor) -> Tensor:
         Irradiance over pi.  [..., M, P]
     """
     mean, deviation = cosine(sheets.over_points(), normals)
-    lit = rectified(mean, deviation * (1 + WIDENING * deviation * deviation)).mean
+    lit = rectified(mean, widened(deviation)).mean
     return sheets.integral[..., None] / math.pi * lit

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import Lobes, asg
-from asglight.shading import ggx_lobes
+from asglight.shading import ggx_layer, ggx_lobes
 from asglight.shading.sheets import Sheets, amplitudes, sheets
 from asglight.viewer import glsl
 from asglight.viewer.balls import Ball
@@ -205,8 +205,9 @@ def _packed(
     """
     count = len(light)
     roughness = [_LAMBERTIAN if ball.roughness is None else ball.roughness for ball in balls]
-    layer = ggx_lobes.layer(torch.tensor(roughness, dtype=torch.float64)[:, None])  # [B, 1]
-    share = ggx_lobes.share(made, layer, ggx_lobes.SHARE_MOVES[made.window])  # [B, M]
+    layer = ggx_layer.layer(torch.tensor(roughness, dtype=torch.float64)[:, None])  # [B, 1]
+    tilt = ggx_layer.tilt(made, _VIEW, layer)
+    share = ggx_layer.share(made, layer, ggx_layer.SHARE_MOVES[made.window])  # [B, M]
     sorted_runs = Runs(
         torch.arange(count).expand(len(balls), -1),
         torch.full((len(balls),), count),
@@ -216,26 +217,25 @@ def _packed(
         sorted_runs = runs(share)
     shape = (len(balls), _MAX_SHEETS)
     sheet, ggx_sheet = np.zeros(shape, _SHEET), np.zeros(shape, _GGX_SHEET)
-    tilt = ggx_lobes.tilt(made, _VIEW, layer)
     _pack_sheets(made, light, tilt, sorted_runs.order, sheet[:, :count])
     _pack_ggx_sheets(made, tilt, share, sorted_runs.order, ggx_sheet[:, :count])
     return sheet, ggx_sheet, _packed_balls(made, layer, balls, cells, sorted_runs)
 
 
 def _pack_sheets(
-    made: Sheets, light: Tensor, tilt: ggx_lobes.Tilt, order: Tensor, sheet: np.ndarray
+    made: Sheets, light: Tensor, tilt: ggx_layer.Tilt, order: Tensor, sheet: np.ndarray
 ) -> None:
     spread = made.axes[:, :2] * made.variance[:, :2, None].sqrt()
     sheet["axis_z"] = made.axes[order, 2]
     sheet["mean"] = made.mean[order]
     sheet["spread_x"], sheet["spread_y"] = spread[order].unbind(2)
     sheet["variance_z"] = made.variance[order, 2]
-    sheet["grazing"] = (1 - tilt.cos_half[order]) ** 5
+    sheet["grazing"] = tilt.grazing.gather(1, order)
     sheet["light"][..., :3] = (light * made.integral[:, None] / math.pi)[order]
 
 
 def _pack_ggx_sheets(
-    made: Sheets, tilt: ggx_lobes.Tilt, share: Tensor, order: Tensor, ggx_sheet: np.ndarray
+    made: Sheets, tilt: ggx_layer.Tilt, share: Tensor, order: Tensor, ggx_sheet: np.ndarray
 ) -> None:
     """Pack what the layer needs; weights are relative to `light`, which holds integral over pi."""
     own = ggx_lobes.disc_mean(made.disc_variance, ggx_lobes.DISC_SCALES[made.window])
@@ -252,7 +252,7 @@ def _pack_ggx_sheets(
 
 def _packed_balls(
     made: Sheets,
-    layer: ggx_lobes.Layer,
+    layer: ggx_layer.Layer,
     balls: Sequence[Ball],
     cells: Sequence[Cell],
     sorted_runs: Runs,

@@ -14,7 +14,7 @@ import moderngl
 import numpy as np
 
 from asglight.lobes import Form, Lobes
-from asglight.shading import ggx_lobes
+from asglight.shading import ggx_layer, ggx_lobes
 from asglight.shading.sheets import Window
 from asglight.viewer import glsl
 from asglight.viewer.display import (
@@ -29,7 +29,7 @@ from asglight.viewer.display import (
 from asglight.viewer.state import MAX_LOBES
 
 _GGX_LOBES_CONSTANTS = (
-    *("COS_VIEW_MIN", "SIN_VIEW_MIN", "UNSHARP_MIN", "OPPOSITE_MIN", "PROBABILITY_MIN"),
+    *("COS_VIEW_MIN", "SIN_VIEW_MIN", "OPPOSITE_MIN", "PROBABILITY_MIN"),
     *("COS_LIGHT_MIN", "DISC_A", "DISC_B", "DISC_C"),
 )
 
@@ -38,6 +38,7 @@ DEFINES: Mapping[str, float] = {
     "MAX_SHEETS": 2 * MAX_LOBES,
     "BROAD_TERMS": ggx_lobes.TERMS,
     **{name: getattr(ggx_lobes, name) for name in _GGX_LOBES_CONSTANTS},
+    "UNSHARP_MIN": ggx_layer.UNSHARP_MIN,
     "MIDDLE_GREY": MIDDLE_GREY,
     "FALSE_COLOUR_EV": FALSE_COLOUR_EV,
     "RATIO_EV": RATIO_EV,

@@ -155,6 +155,19 @@ float ggx_lobes_broad(GgxSheet sheet, vec3 axis_z, GgxLobesKernel kernel, int wi
     return total;
 }
 
+// Return the mean of V n.l over the part of a light above the horizon, at two nodes.
+float ggx_lobes_visible(vec2 cosine, float cos_view, float alpha) {
+    vec2 cut = rectified(cosine.x, rectified_widened(cosine.y));
+    float lit = max(cut.y, PROBABILITY_MIN);
+    float n_l = clamp(cut.x / lit, COS_LIGHT_MIN, 1.0);
+    float variance = cosine.y * cosine.y - n_l * (n_l - cosine.x);
+    float apart = min(sqrt(max(variance, 0.0)), min(n_l, 1.0 - n_l));
+    float low = n_l - apart;
+    float high = n_l + apart;
+    return lit * 0.5 * (ggx_visibility(cos_view, low, alpha) * low
+                        + ggx_visibility(cos_view, high, alpha) * high);
+}
+
 // Return what the layer shows of one sheet, per unit of its integral, at Fresnel reflectance 1.
 // `cosine` holds mean and deviation of n.w over the sheet.
 float ggx_lobes_narrow(GgxSheet sheet, GgxLobesSurface seen, float alpha, vec2 cosine) {
@@ -177,9 +190,5 @@ float ggx_lobes_narrow(GgxSheet sheet, GgxLobesSurface seen, float alpha, vec2 c
     float h3 = dot(seen.normal, sheet.half_vector.xyz);
     float shape = (a22 * h1 * h1 - 2.0 * p12 * h1 * h2 + a11 * h2 * h2) / determinant + h3 * h3;
     float distribution = 1.0 / (PI * sqrt(determinant * below) * shape * shape);
-    vec2 cut = rectified(cosine.x, cosine.y);
-    float lit = max(cut.y, PROBABILITY_MIN);
-    float n_l = clamp(cut.x / lit, COS_LIGHT_MIN, 1.0);
-    float visible = ggx_visibility(seen.cos_view, n_l, alpha) * n_l;
-    return h3 > 0.0 ? lit * distribution * visible : 0.0;
+    return distribution * ggx_lobes_visible(cosine, seen.cos_view, alpha);
 }

@@ -16,9 +16,14 @@ vec2 rectified(float mean, float deviation) {
                 probability);
 }
 
+// Return the deviation of the normal variable that stands for the cosine to a light.
+float rectified_widened(float deviation) {
+    const float WIDENING = 0.256;  // as in rectified.py
+    return deviation * (1.0 + WIDENING * deviation * deviation);
+}
+
 // Return irradiance over pi, per unit of integral over pi, of a sheet whose cosine to the normal
 // has a mean and a standard deviation.
 float rectified_irradiance_over_pi(float mean, float deviation) {
-    const float WIDENING = 0.256;  // as in rectified.py
-    return rectified(mean, deviation * (1.0 + WIDENING * deviation * deviation)).x;
+    return rectified(mean, rectified_widened(deviation)).x;
 }

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes, asg, frames
-from asglight.shading import ggx_lobes, rectified
+from asglight.shading import ggx_layer, ggx_lobes, rectified
 from asglight.shading.balls import coverage
 from asglight.shading.sheets import amplitudes, sheets
 from asglight.viewer import passes
@@ -108,7 +108,7 @@ def expected(opengl: moderngl.Context, lobes: Lobes, ball: Ball, size: int = PIX
     if ball.roughness is not None:
         albedo = looked_up(opengl, n[:, 2].clamp(min=ggx_lobes.COS_VIEW_MIN), ball.roughness)
         f0 = torch.tensor(ball.f0).double()
-        layer = ggx_lobes.layer(torch.tensor(ball.roughness).double())
+        layer = ggx_layer.layer(torch.tensor(ball.roughness).double())
         shown = ggx_lobes.reflected(made, n, VIEW, layer, f0, albedo)
         radiance = radiance * (1 - (albedo[:, :1] * f0 + albedo[:, 1:]))
         radiance = radiance + torch.einsum("mpc,mc->pc", shown, light)
