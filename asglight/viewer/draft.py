@@ -3,11 +3,12 @@
 
 import moderngl
 
-SLOW_S = 1 / 24
-"""A picture that takes longer than a frame of film is too fine."""
+SLOW_S = 1 / 48
+"""Half of a frame of film: balls that take longer are too fine. Without a GPU the rest of the
+window takes the other half."""
 
-FAST_S = 1 / 100
-"""One that takes less may be twice as fine: four times the pixels stay below SLOW_S."""
+FAST_S = 1 / 200
+"""Balls that take less may be twice as fine: four times the pixels stay below SLOW_S."""
 
 DIVISOR_MAX = 4
 """Coarser pictures would not show a highlight of a tenth of a ball any more."""
