@@ -90,7 +90,7 @@ class Renderer:
         Returns:
             Its target, sRGB.
         """
-        rows = -(-size[1] // 2) if state.shown is Comparison.ROWS else size[1]
+        rows = max(1, size[1] // 2) if state.shown is Comparison.ROWS else size[1]
         if not self._wants_draft(state):
             self._last = self._pair(state, (size[0], rows))
         else:
@@ -144,7 +144,9 @@ class Renderer:
         """
         if self._last is None:
             return None, None
-        found = [None if picture is None else _read(picture.front, x, y) for picture in self._last]
+        found = [
+            None if picture is None else self._read(picture.front, x, y) for picture in self._last
+        ]
         return found[0], found[1]
 
     def ball_errors(self, state: ViewerState) -> list[float | None] | None:
@@ -225,6 +227,15 @@ class Renderer:
         second.draw(state, self._reference_map.texture, self._reference_map.version, size)
         return first.texture, second.texture
 
+    def _read(self, texture: moderngl.Texture, x: float, y: float) -> np.ndarray | None:
+        """Read one texel; the others stay where they are."""
+        width, height = texture.size
+        place = min(int(x * width), width - 1), min(int(y * height), height - 1)
+        target = self._context.framebuffer([texture])
+        texel = np.frombuffer(target.read((*place, 1, 1), components=4, dtype="f4"), np.float32)
+        target.release()
+        return texel[:3] / texel[3] if texel[3] > 0 else None
+
     def _versions(self) -> tuple[int, ...]:
         layers = (self._closed_form, *self._backgrounds, *self._integrals.values())
         return tuple(layer.version for layer in layers)
@@ -278,6 +289,7 @@ class _Shown:
         self._key: tuple[Any, ...] | None = None
 
     def needs(self, key: tuple[Any, ...], size: tuple[int, int]) -> bool:
+        """Tell whether a picture is another one than that shown, and make room for it."""
         if self.target.size != size:
             target = display_target(self._context, size)
             target.use()  # moderngl binds the last used framebuffer again: it must exist
@@ -292,13 +304,6 @@ def _display_key(state: ViewerState) -> tuple[Any, ...]:
     display = state.display
     values = (display.exposure_ev, display.transform, display.channel, display.zebra)
     return (*values, state.environment.intensity_ev)
-
-
-def _read(texture: moderngl.Texture, x: float, y: float) -> np.ndarray | None:
-    pixels = _pixels(texture)
-    height, width = pixels.shape[:2]
-    texel = pixels[min(int(y * height), height - 1), min(int(x * width), width - 1)]
-    return texel[:3] / texel[3] if texel[3] > 0 else None
 
 
 def _pixels(texture: moderngl.Texture) -> np.ndarray:

@@ -59,9 +59,6 @@ class Window:
         self._dialog_is_for = Request.OPEN
         self._recent: list[str] = []
         self._dropped: list[str] = []
-        self._on_drop = lambda _window, paths: self._dropped.extend(
-            paths
-        )  # GLFW keeps no reference
         self._has_panels = True
         self._writer = ThreadPoolExecutor(1)
         self._saving: tuple[Path, Future[None]] | None = None
@@ -117,7 +114,6 @@ class Window:
 
     def panels(self) -> list[hello_imgui.DockableWindow]:
         """Return the panels and where they are docked at first."""
-        # Dear ImGui draws into whatever framebuffer is bound.
         drawers: Sequence[tuple[str, str, Callable[[], None]]] = (
             (_BALLS, "MainDockSpace", lambda: balls(self.state, self.renderer)),
             ("Timeline", "TimelineSpace", lambda: timeline(self.state)),
@@ -207,6 +203,25 @@ class Window:
         if self.failure is not None:
             raise self.failure
 
+    def guarded(self, draw: Callable[[], None]) -> Callable[[], None]:
+        """Make a callback safe: keep what it raises for `run`, give the framebuffer back.
+
+        An exception that goes through Dear ImGui ends the process without a word. It draws into
+        whatever framebuffer is bound.
+        """
+
+        def _guarded() -> None:
+            if self.failure is not None:
+                return
+            try:
+                draw()
+            except BaseException as error:  # Ctrl-C as well
+                self.failure = error
+                hello_imgui.get_runner_params().app_shall_exit = True
+            self.context.screen.use()
+
+        return _guarded
+
     def _take_over(self, session: Session) -> None:
         """Show another session as this one was looked at."""
         before = self.state
@@ -215,23 +230,6 @@ class Window:
         self.session.close()
         self.session = session
         glfw.set_window_title(self._handle, f"{session.title} - asglight")
-
-    def guarded(self, draw: Callable[[], None]) -> Callable[[], None]:
-        """Draw a panel; keep what it raises for `run`, and give the window's framebuffer back.
-
-        An exception that goes through Dear ImGui ends the process without a word. It draws into
-        whatever framebuffer is bound.
-        """
-
-        def guarded() -> None:
-            try:
-                draw()
-            except BaseException as error:  # Ctrl-C as well
-                self.failure = self.failure or error
-                hello_imgui.get_runner_params().app_shall_exit = True
-            self.context.screen.use()
-
-        return guarded
 
     def _finish_saving(self) -> None:
         """Say what came of a save, once it has ended."""
