@@ -63,7 +63,7 @@ class Session:
         """Wait until the shown frame is complete: its lobes, and its reference image.
 
         Raises:
-            InputError: The source ended before it came to this frame.
+            InputError: The source ended before it came to this frame, or the image cannot be read.
         """
         status = self.update()
         while self.state.playback.frame not in self._found and not status.is_finished:
@@ -71,8 +71,11 @@ class Session:
             status = self.update()
         if status.failure is not None and self.state.playback.frame not in self._found:
             raise InputError(status.failure)
-        if self.state.references is not None:
-            self.state.references.wait(self.state.playback.frame, REFERENCE_SECONDS)
+        references, frame = self.state.references, self.state.playback.frame
+        if references is not None and references.wait(frame, REFERENCE_SECONDS) is None:
+            message = references.message(frame)
+            if message is not None:
+                raise InputError(message)
 
     def close(self) -> None:
         """End what runs in the background."""

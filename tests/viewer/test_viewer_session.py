@@ -115,3 +115,14 @@ def test_the_reference_follows_the_playhead(
     watched.close()
     assert source.is_closed
     assert reference.get(1004) is None
+
+
+def test_waiting_for_an_image_that_cannot_be_read_raises_why(two_lamps: LobeTracks) -> None:
+    def damaged(frame: int) -> np.ndarray:
+        raise InputError(f"sky.{frame}.exr: is damaged; expected an image. Write it anew.")
+
+    reference = Reference("sky", two_lamps.frames, damaged)
+    watched = Session(ViewerState(two_lamps, reference), Script([two_lamps]), "test")
+    with pytest.raises(InputError, match=r"^sky\.1001\.exr: is damaged; expected an image"):
+        watched.wait()
+    watched.close()
