@@ -25,7 +25,8 @@ ALLOWED = {
     "cli": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers", "judging", "sky"}
     | {"shots", "viewer"},
 }
-"""Every room may also import asglight.errors and asglight itself (for its version)."""
+"""Every room may also import asglight.errors, asglight.shader_files, and asglight itself (for its
+version)."""
 
 ONLY_IN = {"pxr": {"usd"}, "moderngl": {"viewer"}, "imgui_bundle": {"viewer"}}
 

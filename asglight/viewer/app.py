@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from asglight.errors import InputError
+from asglight.shader_files import ShaderError
 from asglight.viewer.session import Session
 
 _EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL"}
@@ -90,7 +91,7 @@ def check() -> int:
         try:
             passes.pass_program(opengl, name)
             print(f"shaders/{name}: ok")
-        except glsl.ShaderError as error:
+        except ShaderError as error:
             print(error)
             failures += 1
     opengl.release()

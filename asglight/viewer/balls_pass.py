@@ -19,9 +19,9 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import Lobes, asg
+from asglight.shader_files import enum_number
 from asglight.shading import ggx_layer, ggx_lobes
 from asglight.shading.sheets import Sheets, amplitudes, sheets
-from asglight.viewer import glsl
 from asglight.viewer.balls import Ball
 from asglight.viewer.passes import DEFINES, pass_program
 
@@ -155,7 +155,7 @@ class BallsPass:
         """Return the program of a scene, with what it draws; compile it if it is new."""
         special: dict[str, int] = {}
         if self._specialise:
-            special["WINDOW"] = glsl.enum_number(made.window)
+            special["WINDOW"] = enum_number(made.window)
             if bool((made.disc_variance[:, 0] == made.disc_variance[:, 1]).all()):
                 special["ISOTROPIC"] = 1
         key = tuple(special.items())
@@ -268,7 +268,7 @@ def _packed_balls(
         header["cell"] = x + size / 2, y + size / 2, size / 2, ball.roughness or 0.0
         header["f0"][:3], header["base"][:3] = ball.f0, ball.albedo
         header["runs"] = (stop, start, count, base_stop) if layered else (0, 0, 0, base_stop)
-        header["kind"][:2] = glsl.enum_number(made.window), layered
+        header["kind"][:2] = enum_number(made.window), layered
     result["f0"][:, 3] = layer.alpha[:, 0]
     result["disc"] = ggx_lobes.DISC_SCALES[made.window]
     result["kernel"] = layer.kernel[:, 0]

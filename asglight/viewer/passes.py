@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import moderngl
 import numpy as np
 
-from asglight.lobes import Form, Lobes
-from asglight.shading import ggx_layer, ggx_lobes
-from asglight.shading.sheets import Window
+from asglight import shader_files
+from asglight.lobes import Lobes
+from asglight.shading.glsl_constants import CONSTANTS
 from asglight.viewer import glsl
 from asglight.viewer.display import (
     FALSE_COLOUR_EV,
@@ -28,25 +28,16 @@ from asglight.viewer.display import (
 )
 from asglight.viewer.state import MAX_LOBES
 
-_GGX_LOBES_CONSTANTS = (
-    *("COS_VIEW_MIN", "SIN_VIEW_MIN", "OPPOSITE_MIN", "PROBABILITY_MIN"),
-    *("COS_LIGHT_MIN", "DISC_A", "DISC_B", "DISC_C"),
-)
-
 DEFINES: Mapping[str, float] = {
     "MAX_LOBES": MAX_LOBES,
     "MAX_SHEETS": 2 * MAX_LOBES,
-    "BROAD_TERMS": ggx_lobes.TERMS,
-    **{name: getattr(ggx_lobes, name) for name in _GGX_LOBES_CONSTANTS},
-    "UNSHARP_MIN": ggx_layer.UNSHARP_MIN,
+    **CONSTANTS,
     "MIDDLE_GREY": MIDDLE_GREY,
     "FALSE_COLOUR_EV": FALSE_COLOUR_EV,
     "RATIO_EV": RATIO_EV,
-    **glsl.enum_defines(Form),
-    **glsl.enum_defines(ViewTransform),
-    **glsl.enum_defines(Channel),
-    **glsl.enum_defines(Comparison),
-    **glsl.enum_defines(Window),
+    **shader_files.enum_defines(ViewTransform),
+    **shader_files.enum_defines(Channel),
+    **shader_files.enum_defines(Comparison),
 }
 """The constants that Python and GLSL share."""
 
@@ -87,7 +78,7 @@ def pass_program(
     context: moderngl.Context, fragment: str, special: Mapping[str, float] | None = None
 ) -> moderngl.Program:
     """Compile the pass of a fragment shader in shaders/, with constants of one scene if any."""
-    vertex = glsl.expanded(glsl.VERTEX_SHADER)
+    vertex = glsl.expanded(shader_files.VERTEX_SHADER)
     return glsl.program(context, vertex, glsl.expanded(fragment, {**DEFINES, **(special or {})}))
 
 
@@ -124,7 +115,7 @@ def packed_lobes(lobes: Lobes) -> bytes:
     assert lobes.count <= MAX_LOBES, lobes.count
     header = np.zeros(1, _HEADER)
     header["count"] = lobes.count
-    header["form"] = glsl.enum_number(lobes.form)
+    header["form"] = shader_files.enum_number(lobes.form)
     block = np.zeros(lobes.count, _LOBE)
     values = lobes.to("cpu")
     for name in ("axis_x", "axis_y", "axis_z", "amplitude"):
@@ -236,13 +227,13 @@ class DisplayPass:
         values: dict[str, Any] = {
             "u_area": tuple(map(float, area or (0, 0, *target.size))),
             "u_exposure_ev": display.exposure_ev + gain_ev,
-            "u_channel": glsl.enum_number(display.channel),
+            "u_channel": shader_files.enum_number(display.channel),
             "u_zebra": display.zebra,
         }
         if compares:
             assert reference is not None
             pictures.append(reference)
-            values |= {"u_comparison": glsl.enum_number(comparison), "u_wipe": wipe}
+            values |= {"u_comparison": shader_files.enum_number(comparison), "u_wipe": wipe}
         values["u_has_background"] = all(picture.background for picture in pictures)
         triangle = self._triangle(compares, display.transform)
         self._scale(_scale_name(display, comparison)).use(location=0)
@@ -259,7 +250,7 @@ class DisplayPass:
         """Return the program of a view, with what it draws; compile it if it is new."""
         key = compares, transform
         if key not in self._triangles:
-            special = {"TRANSFORM": glsl.enum_number(transform)}
+            special = {"TRANSFORM": shader_files.enum_number(transform)}
             if compares:
                 special["COMPARES"] = 1
             program = pass_program(self._context, "display.frag", special)

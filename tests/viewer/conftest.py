@@ -13,6 +13,7 @@ import pytest
 import torch
 import windows
 
+from asglight import shader_files
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.sphere import latlong
@@ -46,11 +47,11 @@ def drive(opengl: moderngl.Context, two_lamps: LobeTracks) -> Iterator[windows.D
 @pytest.fixture
 def probe_program(opengl: moderngl.Context, tmp_path: Path) -> Callable[[str], moderngl.Program]:
     """Compile a fragment shader given as text, with all of shaders/ to include from."""
-    folder = shutil.copytree(glsl.shader_folder(), tmp_path / "shaders")
+    folder = shutil.copytree(shader_files.shader_folder(), tmp_path / "shaders")
 
     def compiled(text: str) -> moderngl.Program:
         (folder / "probe.frag").write_text(text)
-        vertex = glsl.expanded(glsl.VERTEX_SHADER)
+        vertex = glsl.expanded(shader_files.VERTEX_SHADER)
         return glsl.program(opengl, vertex, glsl.expanded("probe.frag", passes.DEFINES, folder))
 
     return compiled

@@ -7,18 +7,20 @@ from pathlib import Path
 import moderngl
 import pytest
 
+from asglight import shader_files
 from asglight.lobes import Form
+from asglight.shader_files import ShaderError
 from asglight.viewer import glsl, passes
 from asglight.viewer.display import ViewTransform
 
 LIBRARY = [
-    path.relative_to(glsl.shader_folder()).as_posix()
-    for path in sorted(glsl.shader_folder().rglob("*.glsl"))
+    path.relative_to(shader_files.shader_folder()).as_posix()
+    for path in sorted(shader_files.shader_folder().rglob("*.glsl"))
 ]
 TWO_LINES = glsl.ShaderSource(
     (
-        glsl.Line("#version 410 core", "shaders/lobes.frag:3"),
-        glsl.Line("foo();", "shaders/lib/asg.glsl:31"),
+        shader_files.Line("#version 410 core", "shaders/lobes.frag:3"),
+        shader_files.Line("foo();", "shaders/lib/asg.glsl:31"),
     )
 )
 
@@ -70,8 +72,8 @@ def test_version_is_first_then_the_constants(tmp_path: Path) -> None:
 
 
 def test_enum_members_are_numbered_in_their_order() -> None:
-    assert glsl.enum_defines(Form) == {"FORM_ASG": 0, "FORM_BINGHAM": 1, "FORM_SG": 2}
-    assert glsl.enum_defines(ViewTransform) == {
+    assert shader_files.enum_defines(Form) == {"FORM_ASG": 0, "FORM_BINGHAM": 1, "FORM_SG": 2}
+    assert shader_files.enum_defines(ViewTransform) == {
         "VIEW_TRANSFORM_SRGB": 0,
         "VIEW_TRANSFORM_FILMIC": 1,
         "VIEW_TRANSFORM_FALSE_COLOUR": 2,
@@ -80,18 +82,18 @@ def test_enum_members_are_numbered_in_their_order() -> None:
 
 def test_missing_include_is_named_with_the_line_that_asks(tmp_path: Path) -> None:
     write(tmp_path, a_frag='#version 410 core\n\n#include "lib/none.glsl"\n')
-    with pytest.raises(glsl.ShaderError, match=r"^shaders/a\.frag:3: lib/none\.glsl cannot be"):
+    with pytest.raises(ShaderError, match=r"^shaders/a\.frag:3: lib/none\.glsl cannot be"):
         glsl.expanded("a.frag", folder=tmp_path)
 
 
 def test_missing_shader_is_named(tmp_path: Path) -> None:
-    with pytest.raises(glsl.ShaderError, match=r"^shaders/none\.frag: .* \(No such file"):
+    with pytest.raises(ShaderError, match=r"^shaders/none\.frag: .* \(No such file"):
         glsl.expanded("none.frag", folder=tmp_path)
 
 
 def test_missing_version_is_named(tmp_path: Path) -> None:
     write(tmp_path, a_frag="int a;\n")
-    with pytest.raises(glsl.ShaderError, match=r"^shaders/a\.frag: no #version; expected one"):
+    with pytest.raises(ShaderError, match=r"^shaders/a\.frag: no #version; expected one"):
         glsl.expanded("a.frag", folder=tmp_path)
 
 
@@ -104,10 +106,10 @@ def test_driver_message_names_the_included_file_and_its_line(
         lib__b_glsl='#include "lib/c.glsl"\n\nvec4 b() {\n    return missing;\n}\n',
         lib__c_glsl="const int c = 1;\n",
     )
-    with pytest.raises(glsl.ShaderError, match=r"^shaders/lib/b\.glsl:4: .*missing"):
+    with pytest.raises(ShaderError, match=r"^shaders/lib/b\.glsl:4: .*missing"):
         glsl.program(
             opengl,
-            glsl.expanded(glsl.VERTEX_SHADER),
+            glsl.expanded(shader_files.VERTEX_SHADER),
             glsl.expanded("a.frag", {"X": 1, "Y": 2}, tmp_path),
         )
 
@@ -120,9 +122,11 @@ def test_driver_message_after_an_include_names_the_outer_line(
         a_frag='#version 410 core\n#include "lib/c.glsl"\nout vec4 o;\nvoid main() { o = no; }\n',
         lib__c_glsl="const int c = 1;\n\n\n",
     )
-    with pytest.raises(glsl.ShaderError, match=r"^shaders/a\.frag:4: "):
+    with pytest.raises(ShaderError, match=r"^shaders/a\.frag:4: "):
         glsl.program(
-            opengl, glsl.expanded(glsl.VERTEX_SHADER), glsl.expanded("a.frag", folder=tmp_path)
+            opengl,
+            glsl.expanded(shader_files.VERTEX_SHADER),
+            glsl.expanded("a.frag", folder=tmp_path),
         )
 
 
@@ -130,7 +134,7 @@ def test_driver_message_of_the_vertex_stage_names_the_vertex_file(
     opengl: moderngl.Context, tmp_path: Path
 ) -> None:
     write(tmp_path, a_vert="#version 410 core\nvoid main() { gl_Position = no; }\n")
-    with pytest.raises(glsl.ShaderError, match=r"^shaders/a\.vert:2: "):
+    with pytest.raises(ShaderError, match=r"^shaders/a\.vert:2: "):
         glsl.program(
             opengl,
             glsl.expanded("a.vert", folder=tmp_path),
@@ -163,12 +167,12 @@ def test_shaders_are_found_in_a_checkout_and_in_a_wheel(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
     (tmp_path / place).mkdir(parents=True)
-    (tmp_path / place / glsl.VERTEX_SHADER).touch()
-    monkeypatch.setattr(glsl, "__file__", str(tmp_path / "asglight" / "viewer" / "glsl.py"))
-    assert glsl.shader_folder.__wrapped__() == tmp_path / place
+    (tmp_path / place / shader_files.VERTEX_SHADER).touch()
+    monkeypatch.setattr(shader_files, "__file__", str(tmp_path / "asglight" / "shader_files.py"))
+    assert shader_files.shader_folder.__wrapped__() == tmp_path / place
 
 
 def test_missing_shaders_are_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(glsl, "__file__", str(tmp_path / "asglight" / "viewer" / "glsl.py"))
-    with pytest.raises(glsl.ShaderError, match=r"^shaders: no fullscreen\.vert in .* complete\?"):
-        glsl.shader_folder.__wrapped__()
+    monkeypatch.setattr(shader_files, "__file__", str(tmp_path / "asglight" / "shader_files.py"))
+    with pytest.raises(ShaderError, match=r"^shaders: no fullscreen\.vert in .* complete\?"):
+        shader_files.shader_folder.__wrapped__()

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The constants that shaders/lib needs to evaluate and shade lobes, named as there."""
+
+from collections.abc import Mapping
+
+from asglight.lobes import Form
+from asglight.shader_files import enum_defines
+from asglight.shading import ggx_layer, ggx_lobes
+from asglight.shading.sheets import Window
+
+_GGX_LOBES = (
+    *("COS_VIEW_MIN", "SIN_VIEW_MIN", "OPPOSITE_MIN", "PROBABILITY_MIN"),
+    *("COS_LIGHT_MIN", "DISC_A", "DISC_B", "DISC_C"),
+)
+
+CONSTANTS: Mapping[str, float] = {
+    "BROAD_TERMS": ggx_lobes.TERMS,
+    **{name: getattr(ggx_lobes, name) for name in _GGX_LOBES},
+    "UNSHARP_MIN": ggx_layer.UNSHARP_MIN,
+    **enum_defines(Form),
+    **enum_defines(Window),
+}
+"""For `#define`; an integer stays one in GLSL."""
