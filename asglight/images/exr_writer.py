@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing OpenEXR latlongs, so that a reader sees the whole new file or the whole old one."""
 
-import contextlib
-import os
-import secrets
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +9,7 @@ from torch import Tensor
 
 from asglight.errors import InputError
 from asglight.images.message import compressed, shown
+from asglight.images.output import written_beside
 
 HALF_MAX = 65504.0
 COMPRESSIONS = (
@@ -49,20 +47,11 @@ def write_exr(
     fits = bool((values.abs() <= HALF_MAX).all())
     # In C order: OpenEXR writes the memory of an array and not its strides.
     pixels = values.numpy().astype(np.float16 if half and fits else np.float32, order="C")
-    # A name of its own, so that two writers of one target do not meet; hidden from folder scans.
-    temporary = path.parent / f".asglight-{secrets.token_hex(4)}.exr"
-    try:
-        OpenEXR.File(_header(compression), {"RGB": pixels}).write(str(temporary))
-        os.replace(temporary, path)
-    except (RuntimeError, OSError) as error:
-        raise InputError(
-            f"{shown(path)}: cannot be written ({_reason(path, error)}); expected a folder with "
-            "room and the permission to write. Check the output path."
-        ) from error
-    finally:
-        # Nothing to remove after success or in a folder that is none; the error above says more.
-        with contextlib.suppress(OSError):
-            temporary.unlink()
+    with written_beside(path) as place:
+        try:
+            OpenEXR.File(_header(compression), {"RGB": pixels}).write(str(place))
+        except RuntimeError as error:
+            raise OSError(None, compressed(str(error))) from error
 
 
 def _header(compression: str) -> dict[str, object]:
@@ -72,11 +61,3 @@ def _header(compression: str) -> dict[str, object]:
         "compression": getattr(OpenEXR, f"{name}_COMPRESSION"),
         "envmap": OpenEXR.ENVMAP_LATLONG,
     }
-
-
-def _reason(path: Path, error: Exception) -> str:
-    if not path.parent.is_dir():
-        return f"no folder {shown(path.parent)}"
-    if isinstance(error, OSError):
-        return error.strerror or type(error).__name__
-    return compressed(str(error))

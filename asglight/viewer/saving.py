@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the window saves: the edits as a layer over the stage, the picture as a PNG."""
 
-import contextlib
-import os
-import secrets
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from asglight.errors import InputError
-from asglight.images.message import shown
+from asglight.images.output import written_beside
 from asglight.lobes import LobeTracks
 from asglight.usd import write_edit_layer
 from asglight.viewer.session import Session
@@ -71,17 +68,5 @@ def write_png(path: Path, pixels: np.ndarray) -> None:
     Raises:
         InputError: The file cannot be written there.
     """
-    # A name of its own, so that two writers of one target do not meet; hidden from folder scans.
-    temporary = path.parent / f".asglight-{secrets.token_hex(4)}.png"
-    try:
-        Image.fromarray(pixels).save(temporary, format="PNG")
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(
-            f"{shown(path)}: cannot be written ({error.strerror or error}); expected a folder "
-            "with room and the permission to write. Check the output path."
-        ) from error
-    finally:
-        # Nothing to remove after success or in a folder that is none; the error above says more.
-        with contextlib.suppress(OSError):
-            temporary.unlink()
+    with written_beside(path) as place:
+        Image.fromarray(pixels).save(place, format="PNG")

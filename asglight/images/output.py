@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One file written beside its target and renamed, so that a failure leaves the target as it was."""
+
+import contextlib
+import os
+import secrets
+from collections.abc import Iterator
+from pathlib import Path
+
+from asglight.errors import InputError
+from asglight.images.message import shown
+
+
+@contextlib.contextmanager
+def written_beside(path: Path) -> Iterator[Path]:
+    """Give a place for a file in its target's folder; rename it to the target at the end.
+
+    Args:
+        path: The target; its folder must exist.
+
+    Yields:
+        Where to write the file first.
+
+    Raises:
+        InputError: An OSError within: the file cannot be written there.
+    """
+    # A name of its own, so that two writers of one target do not meet; hidden from folder scans.
+    temporary = path.parent / f".asglight-{secrets.token_hex(4)}{path.suffix}"
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(
+            f"{shown(path)}: cannot be written ({_reason(path, error)}); expected a folder with "
+            "room and the permission to write. Check the output path."
+        ) from error
+    finally:
+        # Nothing to remove after success or in a folder that is none; the error above says more.
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def _reason(path: Path, error: OSError) -> str:
+    if not path.parent.is_dir():
+        return f"no folder {shown(path.parent)}"
+    return error.strerror or str(error) or type(error).__name__
