@@ -5,13 +5,14 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
+from asglight.cli.frames import chosen_frames
 from asglight.cli.parser import add_input_options, add_json_option
 from asglight.cli.printing import print_json, table
 from asglight.cli.progress import Reporter, reporter
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import Sequence, open_sequence
-from asglight.images.frame_files import frame_set, ranges
+from asglight.images.frame_files import ranges
 from asglight.images.message import shown
 from asglight.judging.metrics import (
     METRIC_NAMES,
@@ -55,24 +56,6 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(errors_table(errors))
     return 0
-
-
-def chosen_frames(tracks: LobeTracks, frames: str | None, stage: str) -> tuple[int, ...]:
-    """Return the frames to judge.
-
-    Raises:
-        InputError: A frame was asked for that the stage does not have.
-    """
-    if frames is None:
-        return tracks.frames
-    wanted = frame_set(frames, "frames")
-    absent = sorted(set(wanted) - set(tracks.frames))
-    if absent:
-        raise InputError(
-            f"frames: {ranges(absent)} not in {shown(stage)}; expected some of "
-            f"{ranges(tracks.frames)}. Change --frames."
-        )
-    return wanted
 
 
 def reference_for(frames: tuple[int, ...], arguments: argparse.Namespace) -> Sequence:

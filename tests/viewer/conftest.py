@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""OpenGL and lobes for the viewer's tests; neither a display nor a GPU is needed."""
+"""Windows, programs and lobes for the viewer's tests; neither a display nor a GPU is needed."""
 
 import functools
-import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -14,25 +13,9 @@ import torch
 import windows
 
 from asglight import shader_files
-from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.sphere import latlong
 from asglight.viewer import glsl, passes
-from asglight.viewer.context import standalone_context
-
-
-@pytest.fixture
-def opengl() -> Iterator[moderngl.Context]:
-    """An off-screen context that has no error before or after the test."""
-    try:
-        context = standalone_context()
-    except InputError as error:
-        # On a build machine a missing OpenGL must not pass unnoticed.
-        (pytest.fail if os.environ.get("CI") else pytest.skip)(str(error))
-    assert context.error == "GL_NO_ERROR"
-    yield context
-    assert context.error == "GL_NO_ERROR"
-    context.release()
 
 
 @pytest.fixture

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// A GGX layer under lobes with view and roughness free at each point: what
+// asglight/viewer/balls_pass.py computes once for a ball. Twins of functions of
+// asglight/shading/ggx_lobes.py, where the formulas are explained.
+
+#include "lib/ggx_lobes.glsl"
+
+struct GgxLobesTilt {
+    vec3 half_vector;
+    float cos_half;
+    vec3 slope_x;
+    vec3 slope_y;
+};
+
+// Place the frame of tangent, bitangent and normal; `view` is unit, towards the camera.
+GgxLobesSurface ggx_lobes_surface_seen_from(vec3 view, vec3 normal) {
+    float cos_view = dot(normal, view);
+    vec3 tangential = view - cos_view * normal;
+    float sin_view = length(tangential);
+    // Seen along the normal every tangent is as good.
+    vec3 helper = abs(normal.x) < 0.6 ? vec3(1.0, 0.0, 0.0) : vec3(0.0, 1.0, 0.0);
+    vec3 tangent = sin_view > SIN_VIEW_MIN ? tangential / sin_view : normalize(cross(helper, normal));
+    return GgxLobesSurface(normal, tangent, cross(normal, tangent), max(cos_view, COS_VIEW_MIN),
+                           sin_view);
+}
+
+// Return how a sheet spreads half vectors; `spread_x` and `spread_y` are its axes times the
+// deviations along them.
+GgxLobesTilt ggx_lobes_tilt(vec3 spread_x, vec3 spread_y, vec3 axis_z, vec3 view, float log_gain) {
+    vec3 sum = axis_z + view;
+    float size = max(length(sum), HALF_MIN);
+    vec3 half_vector = sum / size;
+    float widening = sqrt(2.0 * exp(log_gain)) / size;
+    vec3 slope_x = (spread_x - half_vector * dot(half_vector, spread_x)) * widening;
+    vec3 slope_y = (spread_y - half_vector * dot(half_vector, spread_y)) * widening;
+    return GgxLobesTilt(half_vector, 0.5 * size, slope_x, slope_y);
+}
+
+// Return the share of ggx_lobes_narrow, exactly 0 or 1 where it is within SHARE_MIN. `fitted` holds
+// centre, log slope and weight of the ratio; `moved` is the SHARE_MOVES of the window.
+float ggx_lobes_share(vec2 disc_variance, float alpha, vec4 fitted, float moved) {
+    const float TO_LOG10 = 0.434294481903252;
+    float narrowness = 0.5 * alpha * alpha * inversesqrt(disc_variance.x * disc_variance.y);
+    float ratio = abs(log(disc_variance.x / disc_variance.y)) * TO_LOG10;
+    float place = log(narrowness) * TO_LOG10 + fitted.z * ratio;
+    float part = 1.0 / (1.0 + exp(exp(fitted.y) * (fitted.x + moved - place)));
+    return part < SHARE_MIN ? 0.0 : part > 1.0 - SHARE_MIN ? 1.0 : part;
+}

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""OpenGL for the tests of several rooms; neither a display nor a GPU is needed."""
+
+import os
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+
+from asglight.errors import InputError
+
+if TYPE_CHECKING:
+    import moderngl
+
+
+@pytest.fixture
+def opengl() -> Iterator["moderngl.Context"]:
+    """An off-screen context that has no error before or after the test."""
+    from asglight.viewer.context import standalone_context  # most rooms do without
+
+    try:
+        context = standalone_context()
+    except InputError as error:
+        # On a build machine a missing OpenGL must not pass unnoticed.
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(str(error))
+    assert context.error == "GL_NO_ERROR"
+    yield context
+    assert context.error == "GL_NO_ERROR"
+    context.release()
