@@ -21,9 +21,10 @@ ALLOWED = {
     "sky": {"sphere", "images"},
     "judging": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers"},
     "shots": {"sphere", "lobes", "fitting", "images", "usd"},
+    "export": {"lobes", "shading", "images"},
     "viewer": {"sphere", "lobes", "shading", "usd", "images"},
     "cli": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers", "judging", "sky"}
-    | {"shots", "viewer"},
+    | {"shots", "export", "viewer"},
 }
 """Every room may also import asglight.errors, asglight.shader_files, and asglight itself (for its
 version)."""

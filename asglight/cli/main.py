@@ -25,6 +25,7 @@ COMMANDS = {
     "stitch": "join stages of parts of a shot that were fitted apart",
     "eval": "measure the error of a stage against the images it was fitted to",
     "info": "show what a stage holds",
+    "export": "write a stage's lobes for real-time engines: JSON or GLSL",
     "view": "show lobes and images in a window, or write a picture of them",
     "demo": "fit the built-in moving environment and draw what came out",
 }

@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lobes of one frame as a GLSL include: the environment, a matte and a glossy surface under it.
+"""Lobes as a GLSL include that lights surfaces alone: no textures, no code of the host.
 
-The functions are those of shaders/, with the lobes as constants; the text serves GLSL 3.30 core and
-GLSL ES 3.00. docs/export.md says how to use it.
+The functions are those of shaders/, taken apart and put together for the scene. The lobes of one
+frame are constants of the text. Those of several are a uniform block, and a file of raw float32
+holds the block of each frame. docs/export.md says how to use both.
 
-Symbols: N lobes, M sheets (asglight.shading.sheets).
+Symbols: F frames, N lobes, M sheets (asglight.shading.sheets).
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
+from fileseq import framesToFrameRange
+from numpy.typing import NDArray
 from torch import Tensor
 
 from asglight import __version__
@@ -20,142 +24,213 @@ from asglight.images.output import written_beside
 from asglight.lobes import Lobes, LobeTracks
 from asglight.shader_files import enum_number, included_lines
 from asglight.shading import ggx_lobes
+from asglight.shading.ggx_layer import SHARE_MOVES
 from asglight.shading.ggx_lobes_constants import KERNEL, SHARE
 from asglight.shading.glsl_constants import CONSTANTS
 from asglight.shading.sheets import Sheets, amplitudes, sheets
 
-ENTRIES = ("asg_environment", "asg_irradiance_over_pi", "asg_albedo", "asg_shade")
+ENTRIES = tuple(
+    f"asglight_{name}" for name in ("evaluate", "irradiance", "albedo", "reflection", "shade")
+)
 """What the include is for; all else in it is there for these."""
 
-_LIBRARY = ("lib/asg.glsl", "lib/ggx_lobes_free.glsl")
+BLOCK = "AsglightFrame"
+"""The uniform block of a shot that moves."""
+
+BLOCKS_SUFFIX = ".f32"
+"""Of the file that holds the blocks of all frames."""
+
+VECTORS = {
+    "asg_axis_x": "xyz unit axis, w sharpness along it",
+    "asg_axis_y": "xyz unit axis, w sharpness along it",
+    "asg_axis_z": "xyz direction of the light, w mean of the cosine to it",
+    "asg_variance": "xyz variance along the axes, w mean of the Gaussian over its disc",
+    "asg_light": "rgb linear radiance at asg_axis_z, w integral over pi",
+}
+"""The vectors of a sheet, in the order of the uniform block."""
 
 _HEADER = """\
 // SPDX-License-Identifier: Apache-2.0
-// An HDR environment as {count} lobes of form {form}, frame {frame}. Made by asglight {version}.
+// An HDR environment as {count} lobes of form {form}, {span}. Made by asglight {version}.
 //
-//   vec3 asg_environment(vec3 direction)         linear radiance from a unit direction
-//   vec3 asg_irradiance_over_pi(vec3 normal)     what a white matte surface shows
-//   vec3 asg_shade(vec3 normal, vec3 view, float roughness, vec3 f0)
-//                                                what a GGX layer shows; alpha = roughness^2
-//   vec3 asg_albedo(float cos_view, float roughness, vec3 f0)
-//                                                what that layer reflects in a white furnace,
-//                                                within {albedo_error:g}
+//   vec3 asglight_evaluate(vec3 direction)       linear radiance from a unit direction
+//   vec3 asglight_irradiance(vec3 normal)        matte surfaces show albedo / pi times that
+//   vec3 asglight_shade(vec3 normal, vec3 view, float roughness, vec3 f0, vec3 base)
+//                                                what GGX over a matte base shows the camera
+//   vec3 asglight_reflection(vec3 normal, vec3 view, float roughness, vec3 f0)
+//                                                its GGX layer alone; alpha = roughness^2
+//   vec3 asglight_albedo(float cos_view, float roughness, vec3 f0)
+//                                                what the layer reflects in a white furnace
 //
-// Right-handed, +Y up, linear Rec.709. GLSL 3.30 core, GLSL ES 3.00; include it after #version.
-
+// Vectors are unit, in the world of the stage: right-handed, +Y up. Colours are linear Rec.709.
+// GLSL 3.30 core or GLSL ES 3.00: put it after #version. What begins with asg_, ASG_ or Asg is its
+// own; docs/export.md of asglight has the rest.
+{block}
 #ifdef GL_ES
 precision highp float;
 precision highp int;
 #endif
 """
 
+_BLOCK_HEADER = """\
+//
+// The lobes are in the uniform block {block}: {size} bytes, little-endian float32. {file} holds
+// the block of each frame in turn.
+"""
 
-def write_glsl(path: str | Path, tracks: LobeTracks, frame: int) -> None:
-    """Write the lobes of one frame as a GLSL include.
+
+class Environment(NamedTuple):
+    """What `write_glsl` writes.
+
+    Attributes:
+        text: The include.
+        blocks: The uniform block of each frame; None where all frames are the same and the lobes
+            are constants of the text.  [F, 5, M, 4]
+    """
+
+    text: str
+    blocks: NDArray[np.float32] | None
+
+
+def write_glsl(path: str | Path, tracks: LobeTracks) -> list[Path]:
+    """Write tracks as a GLSL include; where they move, also the blocks of their frames beside it.
 
     Args:
-        path: The target; its folder must exist.
+        path: The target; its folder must exist, and its suffix is not BLOCKS_SUFFIX.
         tracks: Lobes of all frames.
-        frame: One of `tracks.frames`.
+
+    Returns:
+        The files that were written, the include first.
 
     Raises:
-        InputError: The file cannot be written there.
-        KeyError: There is no such frame.
+        InputError: A file cannot be written there.
     """
-    text = environment(tracks.at(frame), frame)
-    with written_beside(Path(path)) as place:
-        place.write_text(text, encoding="utf-8")
+    path = Path(path)
+    beside = path.with_suffix(BLOCKS_SUFFIX)
+    made = environment(tracks, beside.name)
+    with written_beside(path) as place:
+        place.write_text(made.text, encoding="utf-8")
+        if made.blocks is None:
+            return [path]
+        with written_beside(beside) as blocks_place:
+            blocks_place.write_bytes(made.blocks.astype("<f4").tobytes())
+    return [path, beside]
 
 
-def environment(lobes: Lobes, frame: int) -> str:
-    """Return the include.
+def environment(tracks: LobeTracks, blocks_name: str) -> Environment:
+    """Return the include and the blocks.
 
     Args:
-        lobes: N lobes; those without light are left out.  [N, .]
-        frame: Named in the first line.
+        tracks: N lobes in F frames; those without light in any frame are left out.
+        blocks_name: Of the file of the blocks, for the head of the text.
     """
-    lit = _lit(lobes.to("cpu", torch.float64))
+    lit = _lit(tracks.lobes.to("cpu", torch.float64))
     made = sheets(lit)
-    is_round = bool((made.disc_variance[:, 0] == made.disc_variance[:, 1]).all())
-    defined = {"ISOTROPIC"} if is_round else set()
-    library = glsl_text.blocks(glsl_text.resolved(_lines(_LIBRARY), defined))
-    entries = glsl_text.blocks(_lines(["export/environment.glsl"]))
-    constants = [
-        glsl_text.Block(name, _scalar(name, value))
-        for name, value in {**CONSTANTS, **_scene_constants(lit, made)}.items()
-    ]
-    data = [glsl_text.Block(name, _array(name, rows)) for name, rows in _arrays(lit, made).items()]
-    chosen = glsl_text.reached([*constants, *library, *data, *entries], ENTRIES)
-    header = _HEADER.format(
+    blocks = np.stack([rows.float().numpy() for rows in _vectors(lit, made).values()], axis=1)
+    is_still = bool((blocks == blocks[:1]).all())
+    head = _HEADER.format(
         count=lit.count,
         form=lit.form,
-        frame=frame,
+        span=_span(tracks),
         version=__version__,
-        albedo_error=albedo.ERROR_MAX,
+        block=""
+        if is_still
+        else _BLOCK_HEADER.format(block=BLOCK, size=blocks[0].nbytes, file=blocks_name),
     )
-    text = "\n".join([header, *(f"{block.text}\n" for block in chosen)])
-    # Constants of one line need no blank line between them.
-    text = glsl_text.renamed(text, glsl_text.prefixed(block.name for block in chosen))
-    return text.replace(";\n\nconst ", ";\nconst ")
+    data = _constant_vectors(blocks[0]) if is_still else _uniform_block(blocks.shape[2])
+    text = f"{head}\n{data}\n{_functions(lit, made)}"
+    return Environment(text, None if is_still else blocks)
 
 
 def _lit(lobes: Lobes) -> Lobes:
     """Leave out lobes without light; the last stays, for GLSL has no empty array."""
-    lit = (lobes.amplitude > 0).any(-1)
+    lit = (lobes.amplitude > 0).any(-1).any(0)
     lit[-1] |= not bool(lit.any())
     return lobes.select(lit)
 
 
-def _lines(files: Iterable[str]) -> list[str]:
-    return [line.text for name in files for line in included_lines(name)]
+def _span(tracks: LobeTracks) -> str:
+    if len(tracks.frames) == 1:
+        return f"frame {tracks.frames[0]}"
+    return f"frames {framesToFrameRange(tracks.frames)} at {tracks.fps:g} fps"
+
+
+def _vectors(lobes: Lobes, made: Sheets) -> Mapping[str, Tensor]:
+    """Return what `VECTORS` names.  [F, M, 4] each."""
+    twins = made.integral.shape[1] // lobes.count
+    sharpness = lobes.sharpness.repeat(1, twins, 1)
+    own = ggx_lobes.disc_mean(made.disc_variance, ggx_lobes.DISC_SCALES[made.window])
+    parts = {
+        "asg_axis_x": (made.axes[..., 0, :], sharpness[..., 0]),
+        "asg_axis_y": (made.axes[..., 1, :], sharpness[..., 1]),
+        "asg_axis_z": (made.axes[..., 2, :], made.mean),
+        "asg_variance": (made.variance, own.prod(-1).sqrt()),
+        "asg_light": (amplitudes(lobes), made.integral / np.pi),
+    }
+    return {name: torch.cat([xyz, w[..., None]], dim=-1) for name, (xyz, w) in parts.items()}
+
+
+def _constant_vectors(block: NDArray[np.float32]) -> str:
+    """Return the vectors as constants.  [5, M, 4]."""
+    arrays = zip(VECTORS.items(), block, strict=True)
+    return "".join(f"// {note}\n{_array(name, rows)}\n" for (name, note), rows in arrays)
+
+
+def _uniform_block(count: int) -> str:
+    members = "".join(
+        f"    vec4 {name}[{count}];{' ' * (14 - len(name))}// {note}\n"
+        for name, note in VECTORS.items()
+    )
+    return f"layout(std140) uniform {BLOCK} {{\n{members}}};\n"
+
+
+def _functions(lobes: Lobes, made: Sheets) -> str:
+    """Return the functions with the constants that they need, under names of their own."""
+    is_round = bool((made.disc_variance[..., 0] == made.disc_variance[..., 1]).all())
+    defined = {str(lobes.form).upper(), *(["ISOTROPIC"] if is_round else [])}
+    functions = [
+        block
+        for name in ("lib/ggx_lobes_free.glsl", "export/environment.glsl")
+        for block in glsl_text.blocks(
+            glsl_text.resolved([line.text for line in included_lines(name)], defined)
+        )
+    ]
+    scalars = {**CONSTANTS, **_scene_constants(lobes, made)}
+    constants = [
+        *(glsl_text.Block(name, _scalar(name, value)) for name, value in scalars.items()),
+        *(glsl_text.Block(name, _array(name, rows)) for name, rows in _fitted().items()),
+    ]
+    chosen = glsl_text.reached([*constants, *functions], ENTRIES)
+    text = "\n".join(f"{block.text}\n" for block in chosen)
+    text = glsl_text.renamed(text, glsl_text.prefixed(block.name for block in chosen))
+    # Constants of one line need no blank line between them.
+    return text.replace(";\n\nconst ", ";\nconst ")
 
 
 def _scene_constants(lobes: Lobes, made: Sheets) -> Mapping[str, float]:
     return {
         "ASG_LOBES": lobes.count,
-        "ASG_SHEETS": len(made.integral),
-        "ASG_FORM": enum_number(lobes.form),
+        "ASG_SHEETS": made.integral.shape[1],
         "ASG_WINDOW": enum_number(made.window),
         # Of a sheet of sharpness 1, which the form decides.
-        "ASG_DISC_VARIANCE": float(made.disc_variance[0, 0] * lobes.sharpness[0, 0]),
+        "ASG_DISC_VARIANCE": float(made.disc_variance[0, 0, 0] * lobes.sharpness[0, 0, 0]),
         "ASG_DISC": ggx_lobes.DISC_SCALES[made.window],
-        "ASG_SHARE_MOVE": ggx_lobes.SHARE_MOVES[made.window],
+        "ASG_SHARE_MOVE": SHARE_MOVES[made.window],
         "ASG_DEGREES": len(KERNEL),
         "ASG_ALBEDO_TERMS": albedo.TERMS,
         "ASG_ALBEDO_COS_VIEW_MIN": albedo.COS_VIEW_MIN,
     }
 
 
-def _arrays(lobes: Lobes, made: Sheets) -> Mapping[str, Tensor]:
-    """Return the constants of several numbers.  [., 4] or [.]."""
-    twins = len(made.integral) // lobes.count
-    sharpness = lobes.sharpness.repeat(twins, 1)
-    own = ggx_lobes.disc_mean(made.disc_variance, ggx_lobes.DISC_SCALES[made.window])
-    white, grazing = (torch.from_numpy(rows.flatten()) for rows in albedo.polynomials())
-
-    def rows(vectors: Tensor, fourth: Tensor) -> Tensor:
-        return torch.cat([vectors, fourth[:, None]], dim=1)
-
+def _fitted() -> Mapping[str, NDArray]:
+    """Return the constants that were fitted, once for all scenes.  [., 4] or [.]."""
+    white, grazing = albedo.polynomials()
     return {
-        "ASG_AXIS_X": rows(made.axes[:, 0], sharpness[:, 0]),
-        "ASG_AXIS_Y": rows(made.axes[:, 1], sharpness[:, 1]),
-        "ASG_AXIS_Z": rows(made.axes[:, 2], made.mean),
-        "ASG_VARIANCE": rows(made.variance, own.prod(-1).sqrt()),
-        "ASG_AMPLITUDE": rows(amplitudes(lobes), made.integral / np.pi),
-        "ASG_KERNEL": torch.tensor(KERNEL, dtype=torch.float64).flatten(0, 1),
-        "ASG_SHARE": torch.tensor(SHARE, dtype=torch.float64),
-        "ASG_ALBEDO_WHITE": white,
-        "ASG_ALBEDO_GRAZING": grazing,
+        "ASG_KERNEL": np.array(KERNEL).reshape(-1, 4),
+        "ASG_SHARE": np.array(SHARE),
+        "ASG_ALBEDO_WHITE": white.ravel(),
+        "ASG_ALBEDO_GRAZING": grazing.ravel(),
     }
-
-
-_MEANINGS = {
-    "ASG_AXIS_X": "xyz unit axis, w sharpness along it",
-    "ASG_AXIS_Y": "xyz unit axis, w sharpness along it",
-    "ASG_AXIS_Z": "xyz direction of the light, w mean of the cosine to it",
-    "ASG_VARIANCE": "xyz variance along the axes, w mean of the Gaussian over its disc",
-    "ASG_AMPLITUDE": "rgb linear radiance at ASG_AXIS_Z, w integral over pi",
-}
 
 
 def _scalar(name: str, value: float) -> str:
@@ -163,17 +238,17 @@ def _scalar(name: str, value: float) -> str:
     return f"const {kind} {name} = {text};"
 
 
-def _array(name: str, values: Tensor) -> str:
-    """Return a constant array, one vector on a line."""
+def _array(name: str, values: NDArray) -> str:
+    """Return a constant array: vectors one on a line, numbers seven."""
     if values.ndim == 1:
-        kind, cells = "float", [_number(value) for value in values.tolist()]
+        kind, cells = "float", [_number(value) for value in values]
+        lines = [", ".join(cells[i : i + 7]) for i in range(0, len(cells), 7)]
     else:
         kind = f"vec{values.shape[1]}"
-        cells = [f"{kind}({', '.join(map(_number, row))})" for row in values.tolist()]
-    size = f"[{len(cells)}]"
-    meaning = f"// {_MEANINGS[name]}\n" if name in _MEANINGS else ""
-    listed = ",\n    ".join(cells)
-    return f"{meaning}const {kind} {name}{size} = {kind}{size}(\n    {listed});"
+        lines = [f"{kind}({', '.join(map(_number, row))})" for row in values]
+    size = f"[{len(values)}]"
+    listed = ",\n    ".join(lines)
+    return f"const {kind} {name}{size} = {kind}{size}(\n    {listed});"
 
 
 def _number(value: float) -> str:

@@ -8,6 +8,8 @@ from asglight.shader_files import enum_defines
 from asglight.shading import ggx_layer, ggx_lobes
 from asglight.shading.sheets import Window
 
+_GGX_LAYER = ("ROUGHNESS_MIN", "ROUGHNESS_MAX", "SHARE_MIN", "HALF_MIN", "UNSHARP_MIN")
+
 _GGX_LOBES = (
     *("COS_VIEW_MIN", "SIN_VIEW_MIN", "OPPOSITE_MIN", "PROBABILITY_MIN"),
     *("COS_LIGHT_MIN", "DISC_A", "DISC_B", "DISC_C"),
@@ -15,8 +17,8 @@ _GGX_LOBES = (
 
 CONSTANTS: Mapping[str, float] = {
     "BROAD_TERMS": ggx_lobes.TERMS,
+    **{name: getattr(ggx_layer, name) for name in _GGX_LAYER},
     **{name: getattr(ggx_lobes, name) for name in _GGX_LOBES},
-    "UNSHARP_MIN": ggx_layer.UNSHARP_MIN,
     **enum_defines(Form),
     **enum_defines(Window),
 }

@@ -58,6 +58,17 @@ def lobe_prims(rig: Usd.Prim) -> list[Usd.Prim]:
     return [prim for prim in rig.GetChild(schema.LOBES).GetChildren() if has_lobe_api(prim)]
 
 
+def lobe_names_of(path: str | Path) -> list[str]:
+    """Return the names of a stage's lobes, in the order in which `read_usd` gives them.
+
+    Raises:
+        InputError: There is no such stage.
+    """
+    stage = open_stage(path)  # kept: the rig dies with its stage
+    rig = find_rig(stage)
+    return [prim.GetName() for prim in lobe_prims(rig)] if rig else []
+
+
 def numbers(values: Iterable[object], kind: Sdf.ValueTypeName) -> NDArray[np.float64]:
     """Convert USD values to rows of numbers; quaternions as (w, x, y, z).  [F, K]."""
     if kind == Sdf.ValueTypeNames.Quatf:

@@ -1,32 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
 // The functions of an exported environment. asglight/export/environment.py puts the library before
-// them, and the lobes of one frame as constants ASG_...
+// them and the lobes before that: ASG_SHEETS vectors each of asg_axis_x, asg_axis_y, asg_axis_z,
+// asg_variance and asg_light. It keeps of each #ifdef the side that the scene needs.
 
-// Return the linear radiance from a unit direction.
-vec3 asg_environment(vec3 direction) {
-    vec3 radiance = vec3(0.0);
-    for (int i = 0; i < ASG_LOBES; ++i) {
-        Lobe lobe = Lobe(ASG_AXIS_X[i], ASG_AXIS_Y[i], ASG_AXIS_Z[i], ASG_AMPLITUDE[i]);
-        radiance += asg_evaluate(lobe, ASG_FORM, direction);
-    }
-    return radiance;
+// What a roughness decides; alpha is its square.
+struct AsgLayer {
+    float roughness;
+    float alpha;
+    vec4 kernel[4 * BROAD_TERMS];
+    vec4 share;
+};
+
+// Return the value of lobe i for amplitude 1.
+float asg_unit(int i, vec3 direction) {
+#ifdef SG
+    // s (z - 1) = -s/2 |d - axis_z|^2 keeps its digits where z is near 1.
+    vec3 chord = direction - asg_axis_z[i].xyz;
+    return exp(-0.5 * asg_axis_x[i].w * dot(chord, chord));
+#else
+    float x = dot(asg_axis_x[i].xyz, direction);
+    float y = dot(asg_axis_y[i].xyz, direction);
+    float gaussian = exp(-asg_axis_x[i].w * x * x - asg_axis_y[i].w * y * y);
+#ifdef BINGHAM
+    return gaussian;
+#else
+    return gaussian * max(dot(asg_axis_z[i].xyz, direction), 0.0);
+#endif
+#endif
 }
 
-// Return mean and standard deviation of the cosine between a normal and a sheet's light.
-vec2 asg_cosine(int i, vec3 normal) {
-    vec3 local = vec3(dot(normal, ASG_AXIS_X[i].xyz), dot(normal, ASG_AXIS_Y[i].xyz),
-                      dot(normal, ASG_AXIS_Z[i].xyz));
-    return vec2(local.z * ASG_AXIS_Z[i].w, sqrt(dot(local * local, ASG_VARIANCE[i].xyz)));
-}
-
-// Return irradiance over pi: the linear radiance of a white matte surface with a unit normal.
-vec3 asg_irradiance_over_pi(vec3 normal) {
-    vec3 sum = vec3(0.0);
-    for (int i = 0; i < ASG_SHEETS; ++i) {
-        vec2 c = asg_cosine(i, normal);
-        sum += ASG_AMPLITUDE[i].rgb * (ASG_AMPLITUDE[i].w * rectified_irradiance_over_pi(c.x, c.y));
-    }
-    return sum;
+// Return mean and standard deviation of the cosine between a direction and a sheet's light.
+vec2 asg_cosine(int i, vec3 direction) {
+    vec3 local = vec3(dot(direction, asg_axis_x[i].xyz), dot(direction, asg_axis_y[i].xyz),
+                      dot(direction, asg_axis_z[i].xyz));
+    return vec2(local.z * asg_axis_z[i].w, sqrt(dot(local * local, asg_variance[i].xyz)));
 }
 
 // Return a polynomial of two variables in [0, 1].
@@ -42,62 +49,114 @@ float asg_polynomial(float coefficients[ASG_ALBEDO_TERMS * ASG_ALBEDO_TERMS], fl
     return sum;
 }
 
-// Return the layer's directional albedo, what it reflects in a white furnace: the polynomials of
-// asglight/export/albedo.py.
-vec3 asg_albedo(float cos_view, float roughness, vec3 f0) {
-    float n_v = clamp(cos_view, ASG_ALBEDO_COS_VIEW_MIN, 1.0);
+// Sum the Chebyshev polynomials of log(roughness).
+AsgLayer asg_layer(float roughness) {
     float r = clamp(roughness, ROUGHNESS_MIN, ROUGHNESS_MAX);
-    float alpha = r * r;
-    float white = asg_polynomial(ASG_ALBEDO_WHITE, n_v * (1.0 + alpha) / (n_v + alpha), alpha);
-    float grazing = white * asg_polynomial(ASG_ALBEDO_GRAZING, sqrt(n_v), sqrt(r));
-    return clamp(f0 * (white - grazing) + grazing, 0.0, 1.0);
+    AsgLayer layer;
+    layer.roughness = r;
+    layer.alpha = r * r;
+    layer.share = ASG_SHARE[0];
+    for (int k = 0; k < 4 * BROAD_TERMS; ++k) {
+        layer.kernel[k] = ASG_KERNEL[k];
+    }
+    float u = 2.0 * log(r / ROUGHNESS_MIN) / log(ROUGHNESS_MAX / ROUGHNESS_MIN) - 1.0;
+    float before = 1.0;
+    float basis = u;
+    for (int d = 1; d < ASG_DEGREES; ++d) {
+        layer.share += basis * ASG_SHARE[d];
+        for (int k = 0; k < 4 * BROAD_TERMS; ++k) {
+            layer.kernel[k] += basis * ASG_KERNEL[d * 4 * BROAD_TERMS + k];
+        }
+        float next = 2.0 * u * basis - before;
+        before = basis;
+        basis = next;
+    }
+    return layer;
 }
 
-// Return the linear radiance that a GGX layer over a surface shows a camera: unit normal, unit view
-// towards the camera, perceptual roughness from 0.05 to 1, reflectance f0 along the normal.
-vec3 asg_shade(vec3 normal, vec3 view, float roughness, vec3 f0) {
-    float r = clamp(roughness, ROUGHNESS_MIN, ROUGHNESS_MAX);
-    float alpha = r * r;
-    // Chebyshev polynomials of log(roughness): what a roughness decides.
-    float u = 2.0 * log(r / ROUGHNESS_MIN) / log(ROUGHNESS_MAX / ROUGHNESS_MIN) - 1.0;
-    float basis[ASG_DEGREES];
-    vec4 fitted[4 * BROAD_TERMS];
-    vec4 fitted_share = ASG_SHARE[0];
-    basis[0] = 1.0;
-    for (int k = 0; k < 4 * BROAD_TERMS; ++k) {
-        fitted[k] = ASG_KERNEL[k];
-    }
-    for (int d = 1; d < ASG_DEGREES; ++d) {
-        basis[d] = d == 1 ? u : 2.0 * u * basis[d - 1] - basis[d - 2];
-        fitted_share += basis[d] * ASG_SHARE[d];
-        for (int k = 0; k < 4 * BROAD_TERMS; ++k) {
-            fitted[k] += basis[d] * ASG_KERNEL[d * 4 * BROAD_TERMS + k];
-        }
-    }
+// Return what the layer shows; `albedo` is its directional albedo.
+vec3 asg_layer_radiance(vec3 normal, vec3 view, AsgLayer layer, vec3 f0, vec3 albedo) {
     GgxLobesSurface seen = ggx_lobes_surface_seen_from(view, normal);
-    GgxLobesKernel kernel = ggx_lobes_kernel(seen, alpha, fitted);
+    GgxLobesKernel kernel = ggx_lobes_kernel(seen, layer.alpha, layer.kernel);
     vec3 mirrored = vec3(0.0);
     vec3 blurred = vec3(0.0);
     for (int i = 0; i < ASG_SHEETS; ++i) {
-        vec3 axis_z = ASG_AXIS_Z[i].xyz;
-        vec2 disc_variance = ASG_DISC_VARIANCE / vec2(ASG_AXIS_X[i].w, ASG_AXIS_Y[i].w);
-        float part = ggx_lobes_share(disc_variance, alpha, fitted_share, ASG_SHARE_MOVE);
-        vec2 deviation = sqrt(ASG_VARIANCE[i].xy);
-        GgxLobesTilt tilt = ggx_lobes_tilt(ASG_AXIS_X[i].xyz * deviation.x,
-                                           ASG_AXIS_Y[i].xyz * deviation.y, axis_z, view,
-                                           fitted_share.w);
-        GgxSheet sheet = GgxSheet(vec4(ASG_AXIS_X[i].xyz, disc_variance.x),
-                                  vec4(tilt.half_vector, disc_variance.y), vec4(tilt.slope_x, 0.0),
-                                  vec4(tilt.slope_y, 0.0));
+        vec3 axis_z = asg_axis_z[i].xyz;
+        vec2 disc_variance = ASG_DISC_VARIANCE / vec2(asg_axis_x[i].w, asg_axis_y[i].w);
+        float part = ggx_lobes_share(disc_variance, layer.alpha, layer.share, ASG_SHARE_MOVE);
+        GgxSheet sheet = GgxSheet(vec4(asg_axis_x[i].xyz, disc_variance.x),
+                                  vec4(0.0, 0.0, 0.0, disc_variance.y), vec4(0.0), vec4(0.0));
         if (part > 0.0) {
-            float value = ggx_lobes_narrow(sheet, seen, alpha, asg_cosine(i, normal));
-            vec3 fresnel = ggx_fresnel(f0, tilt.cos_half);
-            mirrored += ASG_AMPLITUDE[i].rgb * (PI * ASG_AMPLITUDE[i].w * part * value) * fresnel;
+            vec2 deviation = sqrt(asg_variance[i].xy);
+            GgxLobesTilt tilt = ggx_lobes_tilt(asg_axis_x[i].xyz * deviation.x,
+                                               asg_axis_y[i].xyz * deviation.y, axis_z, view,
+                                               layer.share.w);
+            sheet.half_vector.xyz = tilt.half_vector;
+            sheet.slope_x.xyz = tilt.slope_x;
+            sheet.slope_y.xyz = tilt.slope_y;
+            float value = ggx_lobes_narrow(sheet, seen, layer.alpha, asg_cosine(i, normal));
+            float grazing = ggx_lobes_grazing(asg_cosine(i, view), layer.alpha);
+            mirrored += asg_light[i].rgb * (PI * asg_light[i].w * part * value)
+                * (f0 + (1.0 - f0) * grazing);
         }
         if (part < 1.0) {
             float value = ggx_lobes_broad(sheet, axis_z, kernel, ASG_WINDOW, ASG_DISC);
-            blurred += ASG_AMPLITUDE[i].rgb * (ASG_VARIANCE[i].w * (1.0 - part) * value);
+            blurred += asg_light[i].rgb * (asg_variance[i].w * (1.0 - part) * value);
         }
     }
-    return mirrored + asg_albedo(seen.cos_view, r, f0) * blurred;
+    return mirrored + albedo * blurred;
+}
+
+// Return the albedo by the polynomials of asglight/export/albedo.py; roughness is within its range.
+vec3 asg_layer_albedo(float cos_view, float roughness, vec3 f0) {
+    float n_v = clamp(cos_view, ASG_ALBEDO_COS_VIEW_MIN, 1.0);
+    float alpha = roughness * roughness;
+    float white = asg_polynomial(ASG_ALBEDO_WHITE, n_v * (1.0 + alpha) / (n_v + alpha), alpha);
+    float grazing = asg_polynomial(ASG_ALBEDO_GRAZING, sqrt(n_v), sqrt(roughness));
+    return clamp(white * (f0 * (1.0 - grazing) + grazing), 0.0, 1.0);
+}
+
+// Return the linear radiance from a unit direction.
+vec3 asglight_evaluate(vec3 direction) {
+    vec3 radiance = vec3(0.0);
+    for (int i = 0; i < ASG_LOBES; ++i) {
+        radiance += asg_light[i].rgb * asg_unit(i, direction);
+    }
+    return radiance;
+}
+
+// Return the irradiance of a surface with a unit normal. Matte, it shows albedo / pi times that.
+vec3 asglight_irradiance(vec3 normal) {
+    vec3 over_pi = vec3(0.0);
+    for (int i = 0; i < ASG_SHEETS; ++i) {
+        vec2 c = asg_cosine(i, normal);
+        over_pi += asg_light[i].rgb * (asg_light[i].w * rectified_irradiance_over_pi(c.x, c.y));
+    }
+    return PI * over_pi;
+}
+
+// Return what a GGX layer reflects of light that is the same from everywhere: its directional
+// albedo. cos_view is n.v.
+vec3 asglight_albedo(float cos_view, float roughness, vec3 f0) {
+    return asg_layer_albedo(cos_view, clamp(roughness, ROUGHNESS_MIN, ROUGHNESS_MAX), f0);
+}
+
+// Return what a GGX layer with nothing under it shows: the linear radiance towards the camera.
+vec3 asglight_reflection(vec3 normal, vec3 view, float roughness, vec3 f0) {
+    AsgLayer layer = asg_layer(roughness);
+    vec3 albedo = asg_layer_albedo(dot(normal, view), layer.roughness, f0);
+    return asg_layer_radiance(normal, view, layer, f0, albedo);
+}
+
+// Return what a surface shows, a GGX layer over a matte base: the linear radiance towards the
+// camera. normal and view are unit, view towards the camera; roughness is perceptual, from 0.05
+// to 1; f0 is the reflectance along the normal; base is the diffuse reflectance, black for metals.
+vec3 asglight_shade(vec3 normal, vec3 view, float roughness, vec3 f0, vec3 base) {
+    AsgLayer layer = asg_layer(roughness);
+    vec3 albedo = asg_layer_albedo(dot(normal, view), layer.roughness, f0);
+    vec3 radiance = asg_layer_radiance(normal, view, layer, f0, albedo);
+    if (any(greaterThan(base, vec3(0.0)))) {
+        radiance += (1.0 - albedo) * base * (asglight_irradiance(normal) / PI);
+    }
+    return radiance;
 }

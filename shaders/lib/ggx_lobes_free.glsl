@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A GGX layer under lobes with view and roughness free at each point: what
 // asglight/viewer/balls_pass.py computes once for a ball. Twins of functions of
-// asglight/shading/ggx_lobes.py, where the formulas are explained.
+// asglight/shading/ggx_layer.py, where the formulas are explained.
 
 #include "lib/ggx_lobes.glsl"
 
 struct GgxLobesTilt {
     vec3 half_vector;
-    float cos_half;
     vec3 slope_x;
     vec3 slope_y;
 };
@@ -29,18 +28,32 @@ GgxLobesSurface ggx_lobes_surface_seen_from(vec3 view, vec3 normal) {
 GgxLobesTilt ggx_lobes_tilt(vec3 spread_x, vec3 spread_y, vec3 axis_z, vec3 view, float log_gain) {
     vec3 sum = axis_z + view;
     float size = max(length(sum), HALF_MIN);
-    vec3 half_vector = sum / size;
+    // A light straight behind has its half vectors across the view, one as good as another.
+    vec3 half_vector = size > HALF_MIN ? sum / size : normalize(spread_x);
     float widening = sqrt(2.0 * exp(log_gain)) / size;
     vec3 slope_x = (spread_x - half_vector * dot(half_vector, spread_x)) * widening;
     vec3 slope_y = (spread_y - half_vector * dot(half_vector, spread_y)) * widening;
-    return GgxLobesTilt(half_vector, 0.5 * size, slope_x, slope_y);
+    return GgxLobesTilt(half_vector, slope_x, slope_y);
+}
+
+// Return the mean of Schlick's (1 - v.h)^5 over a sheet; `cosine` holds mean and deviation of v.w.
+float ggx_lobes_grazing(vec2 cosine, float alpha) {
+    const vec3 WEIGHTS = vec3(1.0, 4.0, 1.0) / 6.0;  // of Gauss and Hermite's three nodes
+    vec3 nodes = vec3(-1.0, 0.0, 1.0) * (sqrt(3.0) * alpha * cosine.y);
+    vec3 cos_half = sqrt(clamp(0.5 + 0.5 * (cosine.x + nodes), 0.0, 1.0));
+    vec3 weights = WEIGHTS * max(cos_half * cos_half, HALF_MIN * HALF_MIN);
+    vec3 sine = 1.0 - cos_half;
+    vec3 sine2 = sine * sine;
+    return dot(weights, sine2 * sine2 * sine) / dot(weights, vec3(1.0));
 }
 
 // Return the share of ggx_lobes_narrow, exactly 0 or 1 where it is within SHARE_MIN. `fitted` holds
 // centre, log slope and weight of the ratio; `moved` is the SHARE_MOVES of the window.
 float ggx_lobes_share(vec2 disc_variance, float alpha, vec4 fitted, float moved) {
     const float TO_LOG10 = 0.434294481903252;
-    float narrowness = 0.5 * alpha * alpha * inversesqrt(disc_variance.x * disc_variance.y);
+    float alpha2 = alpha * alpha;
+    float slopes = alpha2 / max(1.0 - alpha2, UNSHARP_MIN);
+    float narrowness = 0.5 * slopes * inversesqrt(disc_variance.x * disc_variance.y);
     float ratio = abs(log(disc_variance.x / disc_variance.y)) * TO_LOG10;
     float place = log(narrowness) * TO_LOG10 + fitted.z * ratio;
     float part = 1.0 / (1.0 + exp(exp(fitted.y) * (fitted.x + moved - place)));

@@ -3,8 +3,10 @@
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from usd_tracks import contents, moving
@@ -43,15 +45,46 @@ def test_json_names_the_lobes_as_the_stage_does(stage: str) -> None:
     assert re.findall(r'"name":"(\w+)"', Path("out.json").read_text()) == ["lobe_00", "lobe_02"]
 
 
-@pytest.mark.parametrize(("options", "frame"), [((), 1001), (("--frame", "1004"), 1004)])
-def test_glsl_holds_one_frame(
-    stage: str, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], frame: int
-) -> None:
-    assert main(["export", stage, "--to", "glsl", "-o", "out.glsl", *options]) == 0
-    assert Path("out.glsl").read_text() == environment(read_usd(stage).at(frame), frame)
+@pytest.mark.parametrize("option", ["--frames", "--frame"])
+def test_frames_are_chosen(stage: str, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["export", stage, "--to", "json", "-o", "out.json", option, "1002-1004x2"]
+    assert main(line) == 0
+    found, every = read_json("out.json"), read_usd(stage)
+    assert found.frames == (1002, 1004)
+    assert torch.equal(found.lobes.amplitude, every.lobes.amplitude[1:])
+    assert "2 frames (1002,1004) at 24 fps" in capsys.readouterr().out
+
+
+def test_glsl_of_one_frame_is_one_file(stage: str, capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["export", stage, "--to", "glsl", "-o", "out.glsl", "--frame", "1004"]
+    assert main(line) == 0
+    tracks = read_usd(stage)
+    one = replace(tracks, frames=(1004,), lobes=tracks.lobes[2:])
+    assert Path("out.glsl").read_text() == environment(one, "").text
+    assert "frame 1004." in Path("out.glsl").read_text()
+    assert not Path("out.f32").exists()
     size = f"{os.path.getsize('out.glsl') / 1000:.3g} kB"
     assert capsys.readouterr().out == (
-        f"out.glsl: 3 lobes of form asg, frame {frame} of 3 frames (1001-1002,1004), {size}\n"
+        f"out.glsl: 3 lobes of form asg, 1 frame (1004) at 24 fps, {size}\n"
+    )
+
+
+def test_glsl_of_a_shot_has_a_file_with_its_frames(
+    stage: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", stage, "--to", "glsl", "-o", "out.glsl"]) == 0
+    made = environment(read_usd(stage), "out.f32")
+    assert Path("out.glsl").read_text() == made.text
+    assert "uniform block AsglightFrame: 240 bytes" in made.text
+    assert "out.f32 holds" in made.text
+    assert made.blocks is not None
+    found = np.fromfile("out.f32", "<f4").reshape(3, 5, 3, 4)
+    np.testing.assert_array_equal(found, made.blocks)
+    lobes = read_usd(stage).lobes
+    np.testing.assert_array_equal(found[:, 4, :, :3], lobes.amplitude)
+    np.testing.assert_array_equal(found[:, 2, :, :3], lobes.axis_z)
+    assert capsys.readouterr().out.startswith(
+        "out.glsl, out.f32: 3 lobes of form asg, 3 frames (1001-1002,1004) at 24 fps, "
     )
 
 
@@ -60,14 +93,20 @@ FAULTS = [
     ("export shot.usda -o a.json", "required: --to"),
     ("export shot.usda --to hlsl -o a.json", "--to: invalid choice: 'hlsl'"),
     ("export none.usda --to json -o a.json", "none.usda: no such file"),
-    ("export shot.usda --to json -o shot.usda", "shot.usda: names a stage; expected a name such"),
+    (
+        "export shot.usda --to json -o shot.usda",
+        "shot.usda: has the suffix of another",
+    ),
+    (
+        "export shot.usda --to glsl -o shot.f32",
+        "shot.f32: has the suffix of another",
+    ),
     ("export shot.usda --to json -o .", r"\.: is a folder; expected a file to write"),
-    ("export shot.usda --to json --frame 1001 -o a.json", "--frame: given with --to json"),
     (
         "export shot.usda --to glsl --frame 1003 -o a.glsl",
-        "--frame 1003: not in shot.usda; expected",
+        "frames: 1003 not in shot.usda; expected some of 1001, 1002, 1004",
     ),
-    ("export shot.usda --to glsl --frame x -o a.glsl", "--frame: invalid int value: 'x'"),
+    ("export shot.usda --to json --frames x -o a.json", "frames: x; expected whole frames such as"),
     (
         "export shot.usda --to json -o none/a.json",
         r"none/a.json: cannot be written \(no folder none",
@@ -94,10 +133,11 @@ def test_a_fault_is_one_line_and_changes_nothing(
 
 
 @pytest.mark.parametrize("to", ["json", "glsl"])
-def test_a_full_disk_leaves_the_old_file(
+def test_a_full_disk_leaves_the_old_files(
     stage: str, to: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    Path("out.txt").write_text("old")
+    for suffix in (".txt", ".f32"):
+        Path(f"out{suffix}").write_text("old")
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -105,7 +145,8 @@ def test_a_full_disk_leaves_the_old_file(
     monkeypatch.setattr("asglight.images.output.os.replace", full)
     before = contents(Path())
     assert main(["export", stage, "--to", to, "-o", "out.txt"]) == 2
-    assert "out.txt: cannot be written (No space left on device)" in capfd.readouterr().err
+    name = {"json": "out.txt", "glsl": "out.f32"}[to]  # the first to be renamed
+    assert f"{name}: cannot be written (No space left on device)" in capfd.readouterr().err
     assert contents(Path()) == before
 
 

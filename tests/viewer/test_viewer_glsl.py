@@ -16,6 +16,7 @@ from asglight.viewer.display import ViewTransform
 LIBRARY = [
     path.relative_to(shader_files.shader_folder()).as_posix()
     for path in sorted(shader_files.shader_folder().rglob("*.glsl"))
+    if path.parent.name != "export"  # needs the lobes: tests/export/
 ]
 TWO_LINES = glsl.ShaderSource(
     (
