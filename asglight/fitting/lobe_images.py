@@ -8,8 +8,9 @@ formula serves leaves of any size and lobes of any width, and a lobe narrower th
 a slope there. T is held in the derivatives.
 
 Sums over leaves are exact to 2 exp(-2 pi^2 sigma'^2) an axis, sigma' in leaves: 39 % for a lobe far
-narrower than its leaf, sigma'^2 = 1/12. Narrow lobes are therefore scaled to their exact integral;
-the scale is held in the derivatives as well.
+narrower than its leaf, sigma'^2 = 1/12. Narrow lobes are therefore scaled to their exact integral,
+and the scale's own change is part of every derivative: without it a narrow lobe that only moves
+would seem to change its flux from leaf to leaf, which outweighs what its motion does.
 
 The exponent and each derivative over the value are polynomials in direction of degree 1 and 2, so
 an image is one product with the monomials of direction, and the slopes of a loss along all
@@ -25,6 +26,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting.coordinates import BROAD, is_round
+from asglight.fitting.grid import Grid
 from asglight.fitting.leaves import Leaves
 from asglight.lobes import Form, Lobes
 
@@ -103,12 +105,33 @@ def images(lobes: Lobes, places: Leaves) -> Images:
     gaussian = values
     if lobes.form is Form.ASG:
         gaussian = torch.cat([part[1] for part in parts], dim=-1)
-    found = 4 * math.pi * (values @ places.share[..., None])[..., 0]
-    exact = _plane_integral(lobes)
-    scale = (exact / found.clamp(min=torch.finfo(found.dtype).tiny)).clamp(SCALE_MIN, SCALE_MAX)
-    narrow = lobes.sharpness.amax(-1) > NARROW_SHARPNESS
-    narrow &= lobes.sharpness.amin(-1) > LONG_SHARPNESS
-    return Images(lobes, values, gaussian, torch.where(narrow, scale, 1.0))
+    return Images(
+        lobes, values, gaussian, _scale(lobes, (values @ places.share[..., None])[..., 0])
+    )
+
+
+def _scale(lobes: Lobes, mean: Tensor) -> Tensor:
+    """Return what makes the mean over the sphere of narrow lobes exact.  [F, N]."""
+    exact = _plane_integral(lobes) / (4 * math.pi)
+    scale = (exact / mean.clamp(min=torch.finfo(mean.dtype).tiny)).clamp(SCALE_MIN, SCALE_MAX)
+    return torch.where(_is_narrow(lobes), scale, 1.0)
+
+
+def _scale_slopes(lobes: Lobes, scale: Tensor, change: Tensor) -> Tensor:
+    """Return d log scale along the five coordinates, where it is not at a bound.  [F, N, 5].
+
+    Args:
+        lobes: The lobes.  [F, N, .]
+        scale: Their `_scale`.  [F, N]
+        change: d log mean, the mean over the leaves.  [F, N, 5]
+    """
+    free = _is_narrow(lobes) & (scale > SCALE_MIN) & (scale < SCALE_MAX)
+    return torch.where(free[..., None], _plane_integral_slopes(lobes) - change, 0.0)
+
+
+def _is_narrow(lobes: Lobes) -> Tensor:
+    sharpness = lobes.sharpness
+    return (sharpness.amax(-1) > NARROW_SHARPNESS) & (sharpness.amin(-1) > LONG_SHARPNESS)
 
 
 def _plane_integral(lobes: Lobes) -> Tensor:
@@ -120,6 +143,20 @@ def _plane_integral(lobes: Lobes) -> Tensor:
     if lobes.form is Form.ASG:  # dx dy = z dw
         return plane
     return 2 * plane * (1 + (1 / sx + 1 / sy) / 4)  # two lobes; dw = dx dy / z, 1 / z ~ 1 + r^2 / 2
+
+
+def _plane_integral_slopes(lobes: Lobes) -> Tensor:
+    """Return d log of it along the five coordinates, of which widths hold it nearly.  [F, N, 5]."""
+    sharpness = lobes.sharpness
+    found = sharpness.new_zeros(*sharpness.shape[:-1], 5)
+    if lobes.form is Form.SG:
+        found[..., 2] = -BROAD / sharpness[..., 0]
+        return found
+    found[..., 2:4] = -BROAD / (2 * sharpness)
+    if lobes.form is Form.BINGHAM:
+        sides = 4 + (1 / sharpness).sum(-1, keepdim=True)
+        found[..., 2:4] -= (sharpness + BROAD) / (sharpness.square() * sides)
+    return found
 
 
 def _values(lobes: Lobes, exponent: Tensor, monomials: Tensor) -> tuple[Tensor, Tensor]:
@@ -241,20 +278,44 @@ def turn_speed(lobes: Lobes) -> Tensor:
     return torch.where(is_round(lobes), shifted.prod(-1).sqrt(), difference)
 
 
-def slopes(shown: Images, seen: Footprint, slope: Tensor, places: Leaves) -> Tensor:
+def scale_slopes(shown: Images, seen: Footprint, places: Leaves) -> Tensor:
+    """Return d log scale along the five coordinates.  [F, N, 5].
+
+    Args:
+        shown: The lobes on the leaves.
+        seen: Their footprint on the leaves' levels.
+        places: The leaves.
+    """
+    share = places.share[:, None]
+    mean = (shown.values @ share.mT).clamp(min=torch.finfo(share.dtype).tiny)
+    return _scale_slopes(shown.lobes, shown.scale, _shape_slopes(shown, seen, share, places) / mean)
+
+
+def slopes(
+    shown: Images, seen: Footprint, of_scale: Tensor, slope: Tensor, places: Leaves
+) -> Tensor:
     """Contract the derivatives of each lobe with the slope of a loss.
 
     Args:
         shown: The lobes on the leaves.
         seen: Their footprint on the leaves' levels.
+        of_scale: Their `scale_slopes`.  [F, N, 5]
         slope: dJ / d radiance.  [F, 3, P]
         places: The leaves.
 
     Returns:
         dJ along the five coordinates and the three amplitudes of each lobe.  [F, N, 8]
     """
-    lobes = shown.lobes
     along = shown.light @ slope  # dJ / d value  [F, N, P]
+    shape = _shape_slopes(shown, seen, along, places)
+    light = shown.values @ slope.mT * shown.scale[..., None]
+    shape += of_scale * (light * shown.lobes.amplitude).sum(-1, keepdim=True)
+    return torch.cat([shape, light], dim=-1)
+
+
+def _shape_slopes(shown: Images, seen: Footprint, along: Tensor, places: Leaves) -> Tensor:
+    """Return the slopes of sum along * value along the five coordinates.  [F, N or 1, P]."""
+    lobes = shown.lobes
     valued = shown.values * along
     moments = [valued[..., place] @ mono[..., 1:, :].mT for _, mono, place in places.levels]
     shape = (seen.derivatives @ torch.stack(moments)[..., None])[..., 0].sum(0)
@@ -262,12 +323,11 @@ def slopes(shown: Images, seen: Footprint, slope: Tensor, places: Leaves) -> Ten
         tilted = shown.gaussian * along
         vector = sum(tilted[..., place] @ mono[..., 1:4, :].mT for _, mono, place in places.levels)
         shape[..., :2] += (lobes.axes[..., :2, :] @ torch.as_tensor(vector)[..., None])[..., 0]
-    light = shown.values @ slope.mT * shown.scale[..., None]
-    return torch.cat([shape, light], dim=-1)
+    return shape
 
 
 def columns(lobes: Lobes, seen: Footprint, level: int, monomials: Tensor) -> Tensor:
-    """Return each lobe and its five derivatives as means over leaves of one size.
+    """Return each lobe and its five derivatives as means over leaves of one size, but for `scale`.
 
     Args:
         lobes: The lobes.  [F, N, .]
@@ -285,3 +345,53 @@ def columns(lobes: Lobes, seen: Footprint, level: int, monomials: Tensor) -> Ten
         across = torch.matmul(lobes.axes[..., :2, :].flatten(1, 2), monomials[..., 1:4, :])
         shape[:, :, :2] += across.unflatten(1, (lobes.count, 2)).mul_(gaussian[:, :, None])
     return torch.cat([values[:, :, None], shape], dim=2).flatten(1, 2)
+
+
+def grid_columns(lobes: Lobes, seen: Footprint, level: int, cells: Grid) -> Tensor:
+    """Return `columns` over all cells of a grid, at the scale of the lobes there.
+
+    Args:
+        lobes: The lobes.  [F, N, .]
+        seen: Their footprint.
+        level: Which of the footprint's sizes the cells have.
+        cells: The grid.
+
+    Returns:
+        Rows as those of `columns`.  [F, 6 N, P']
+    """
+    found = columns(lobes, seen, level, cells.monomials)
+    mean = (found @ cells.share).unflatten(1, (lobes.count, COLUMNS))
+    scale = _scale(lobes, mean[..., 0])
+    change = mean[..., 1:] / mean[..., :1].clamp(min=torch.finfo(mean.dtype).tiny)
+    return _scaled(found, scale, _scale_slopes(lobes, scale, change))
+
+
+def leaf_columns(
+    shown: Images, seen: Footprint, of_scale: Tensor, level: int, monomials: Tensor
+) -> Tensor:
+    """Return `columns` over the leaves of one size, at the scale of the lobes on all leaves.
+
+    Args:
+        shown: The lobes on all leaves.
+        seen: Their footprint.
+        of_scale: Their `scale_slopes`.  [F, N, 5]
+        level: Which of the footprint's sizes the leaves have.
+        monomials: Of the leaves' centres.  [(F,) 10, P']
+
+    Returns:
+        Rows as those of `columns`.  [F, 6 N, P']
+    """
+    return _scaled(columns(shown.lobes, seen, level, monomials), shown.scale, of_scale)
+
+
+def _scaled(found: Tensor, scale: Tensor, of_scale: Tensor) -> Tensor:
+    """Multiply columns by a scale that depends on the lobe.  [F, 6 N, P'].
+
+    Args:
+        found: The columns, which are changed.  [F, 6 N, P']
+        scale: [F, N]
+        of_scale: d log scale along the five coordinates.  [F, N, 5]
+    """
+    found = found.unflatten(1, (scale.shape[-1], COLUMNS))
+    found[:, :, 1:] += of_scale[..., None] * found[:, :, :1]
+    return found.mul_(scale[..., None, None]).flatten(1, 2)

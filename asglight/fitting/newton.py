@@ -179,7 +179,8 @@ def _gradient(state: _State, frame: objective.Target, priors: Sequence[temporal.
     """Return the gradient of J and the temporal terms.  [F, 8 N]."""
     lobes = state.shown.lobes
     seen = lobe_images.footprint(lobes, [rows for rows, _, _ in frame.places.levels])
-    found = lobe_images.slopes(state.shown, seen, state.misfit.slope, frame.places)
+    of_scale = lobe_images.scale_slopes(state.shown, seen, frame.places)
+    found = lobe_images.slopes(state.shown, seen, of_scale, state.misfit.slope, frame.places)
     gradient = found.double().flatten(1)
     for prior in priors:
         gradient = gradient + temporal.slopes(lobes, prior)[1]
@@ -204,17 +205,17 @@ def normal_equations(
     sizes = [rows for rows, _, _ in places.levels]
     seen = lobe_images.footprint(lobes, [*sizes, cells.height])
     of_leaves = Footprint(seen.exponent[:-1], seen.derivatives[:-1])
-    gradient = lobe_images.slopes(shown, of_leaves, found.slope, places).double().flatten(1)
-    coarse = lobe_images.columns(lobes, seen, -1, cells.monomials)
+    of_scale = lobe_images.scale_slopes(shown, of_leaves, places)
+    slopes = lobe_images.slopes(shown, of_leaves, of_scale, found.slope, places)
+    coarse = lobe_images.grid_columns(lobes, seen, -1, cells)
     weight = cell_sums(found.env_weight[:, : places.count], places.rows, cells.height)
     gram = (coarse * weight[:, None]) @ coarse.mT
     for level, (_, monomials, place) in list(enumerate(places.levels))[1:]:
-        sharp = lobe_images.columns(lobes, seen, level, monomials)
-        sharp = sharp * shown.scale.repeat_interleave(COLUMNS, -1)[..., None]
+        sharp = lobe_images.leaf_columns(shown, seen, of_scale, level, monomials)
         gram += (sharp * found.env_weight[:, None, place]) @ sharp.mT
     for view, curvature in zip(probe(coarse, cells.height), found.probe_weights, strict=True):
         gram += (view * curvature[:, None]) @ view.mT
-    return _chain(gram.double(), lobes.amplitude.double()), gradient
+    return _chain(gram.double(), lobes.amplitude.double()), slopes.double().flatten(1)
 
 
 def _chain(gram: Tensor, amplitude: Tensor) -> Tensor:

@@ -166,16 +166,22 @@ def test_all_light_in_one_texel_keeps_its_flux_and_place(peak: float) -> None:
     )
 
 
-def test_moving_sun_keeps_its_lobe() -> None:
+def test_moving_sun_keeps_its_lobes() -> None:
     references = [sky_and_sun(degrees) for degrees in range(0, 40, 5)]
     fits = follow(references, FitOptions(lobes=5))
-    sun = brightest(fits[0].lobes)
+    own = []
     for degrees, fit in zip(range(0, 40, 5), fits, strict=True):
         angle = math.radians(degrees)
         cos, sin = math.cos(math.radians(30)), math.sin(math.radians(30))
         direction = torch.tensor([cos * math.sin(angle), sin, cos * math.cos(angle)])
-        assert brightest(fit.lobes) == sun
-        assert angle_deg(fit.lobes.axis_z[sun], direction) < 1.0  # of a texel of 2.8
+        flux = asg.flux(fit.lobes).sum(-1)
+        narrow = fit.lobes.sharpness.amin(-1) > 100  # sigma of 4 degrees; the sky's are below 10
+        share = torch.where(narrow, flux, 0.0) / flux[narrow].sum()
+        for lobe in torch.nonzero(share > 0.1).flatten().tolist():
+            assert angle_deg(fit.lobes.axis_z[lobe], direction) < 1.5  # of a texel of 2.8
+        own.append(share)
+    # several may share the sun and pass it to each other; one has a good part of it all the while
+    assert float(torch.stack(own).amin(0).max()) > 0.2
 
 
 def test_frozen_sequence_stays_still() -> None:

@@ -59,12 +59,10 @@ def _gradient(lobes: Lobes, frame: objective.Target) -> Tensor:
 
 
 def _differences(lobes: Lobes, frame: objective.Target) -> Tensor:
-    """Return central differences of J, the scale of narrow lobes held.  [1, N, .] -> [N, 8]."""
-    scale = lobe_images.images(lobes, frame.places).scale[..., None]
+    """Return central differences of J.  [1, N, .] -> [N, 8]."""
 
     def loss(moved: Lobes) -> float:
-        values = lobe_images.images(moved, frame.places).values
-        return float(objective.value((moved.amplitude * scale).mT @ values, frame))
+        return float(objective.value(lobe_images.images(moved, frame.places).radiance, frame))
 
     found, step = torch.zeros(lobes.count, UNKNOWNS, dtype=DOUBLE), 1e-5
     for lobe, unknown in itertools.product(range(lobes.count), range(UNKNOWNS)):
@@ -121,19 +119,22 @@ def _dense_matrix(lobes: Lobes, frame: objective.Target, rows: int) -> Tensor:
     """
     shown = lobe_images.images(lobes.to(torch.float32), frame.places)
     misfit, places = objective.misfit(shown.radiance, frame), frame.places
-    levels = [(rows, grid(rows).monomials.double())]
-    levels += [(size, each.double()) for size, each, _ in places.levels[1:]]
-    seen = lobe_images.footprint(lobes, [size for size, _ in levels])
+    of_leaves = lobe_images.footprint(lobes.to(torch.float32), [size for size, *_ in places.levels])
+    of_scale = lobe_images.scale_slopes(shown, of_leaves, places).double()
+    exact = replace(shown, lobes=lobes, scale=shown.scale.double())
+    seen = lobe_images.footprint(lobes, [rows, *(size for size, *_ in places.levels[1:])])
+    coarse = grid(rows)
+    coarse = replace(coarse, monomials=coarse.monomials.double(), share=coarse.share.double())
+    levels = [lobe_images.grid_columns(lobes, seen, 0, coarse)]
+    for level, (_, each, _) in list(enumerate(places.levels))[1:]:
+        levels.append(lobe_images.leaf_columns(exact, seen, of_scale, level, each.double()))
     fewer = places.rows // rows
     cells = misfit.env_weight[:, : places.count].double()
     cells = cells.reshape(-1, rows, fewer, 2 * rows, fewer).sum((2, 4)).flatten(1)
     weights = [cells, misfit.env_weight[:, places.count :].double()]
-    scales = [torch.ones_like(shown.scale), shown.scale]
     total = torch.zeros(len(cells), lobes.count * UNKNOWNS, lobes.count * UNKNOWNS, dtype=DOUBLE)
-    for level, (_, monomials) in enumerate(levels):
-        images = lobe_images.columns(lobes, seen, level, monomials)
-        images = images.unflatten(1, (lobes.count, -1)) * scales[level][..., None, None]
-        changes = _changes(images, lobes.amplitude)
+    for level, images in enumerate(levels):
+        changes = _changes(images.unflatten(1, (lobes.count, -1)), lobes.amplitude)
         total += torch.einsum("ficp,fp,fjcp->fij", changes, weights[level], changes)
         if level == 0:
             views = probe(changes.float(), rows)
