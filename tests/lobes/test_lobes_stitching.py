@@ -150,6 +150,30 @@ def test_a_pair_that_would_turn_too_fast_on_the_way_is_faded() -> None:
     assert still.lobes.count == 1
 
 
+@pytest.mark.parametrize(("form", "factor"), [(Form.ASG, 2.0), (Form.SG, 1.0)])
+@pytest.mark.parametrize("share", [0.95, 1.05])
+def test_a_wide_lobe_is_carried_by_its_own_width(form: Form, factor: float, share: float) -> None:
+    """Up to sqrt(2) times half a standard deviation at sharpness s + 1/2, and no further."""
+    sharpness = 0.5
+    sigma = np.degrees(1 / np.sqrt(factor * (sharpness + 0.5)))
+    turn = share * np.sqrt(2) * sigma / 2
+    before, after = (
+        replace(along([[angle]] * 8, sharpness=sharpness), form=form) for angle in (0.0, turn)
+    )
+    lobes = stitched([part(1, before), part(5, after)]).lobes
+    assert lobes.count == (1 if share < 1 else 2)
+    assert jumps(lobes) == 0
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_band_is_carried_along_itself_and_not_across(axis: int) -> None:
+    """`along` turns about y: the tilt is along axis x."""
+    before, after = along([[0.0]] * 8), along([[25.0]] * 8)
+    for lobes in (before, after):
+        lobes.sharpness[..., axis], lobes.sharpness[..., 1 - axis] = 0.0, 30.0
+    assert stitched([part(1, before), part(5, after)]).lobes.count == 1 + axis
+
+
 def test_the_nearest_of_all_pairs_wins_not_of_each() -> None:
     """Lobe 0 is nearest to the second of the next part, but so is lobe 1, and more so."""
     before, after = along([[0.0, 8.0]] * 4), along([[-5.0, 4.5]] * 4)
