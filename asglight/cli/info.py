@@ -27,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read a stage and print what it holds."""
     from asglight.usd import read_usd
+    from asglight.usd.stage import representation_of
 
     tracks = read_usd(arguments.stage)
     document = {
@@ -40,16 +41,6 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print("\n".join([*summary_lines(document), "", lobe_table(document["lobes"])]))
     return 0
-
-
-def representation_of(stage: str) -> str | None:
-    """Return the variant that a stage opens with: the lights that a renderer sees."""
-    from asglight.usd.schema import VARIANT_SET
-    from asglight.usd.stage import find_rig, open_stage
-
-    opened = open_stage(stage)  # kept: the rig dies with its stage
-    rig = find_rig(opened)
-    return rig.GetVariantSet(VARIANT_SET).GetVariantSelection() or None if rig else None
 
 
 def as_document(tracks: LobeTracks) -> dict[str, Any]:

@@ -7,25 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from asglight.cli.info import part_lines, representation_of
+from asglight.cli.info import part_lines
 from asglight.cli.parser import add_json_option
 from asglight.cli.printing import counted, frame_range, print_json, size
 from asglight.errors import InputError
 from asglight.images.message import shown
-from asglight.lobes import LobeTracks
-from asglight.lobes.stitching import stitched
+from asglight.shots.joining import Joined, join
 
 EXAMPLE = "asglight stitch part.*.usdc -o shot.usdc"
-
-OF_FRAMES = (
-    "loss",
-    "flux_error",
-    "repairs",
-    "left_out",
-    "tolerance_met",
-    "worst_errors",
-)
-"""Metadata that is true of the frames of one part only, and stays with it."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,26 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the parts, write the shot, and say what was written."""
-    from asglight.usd import read_usd, write_usd
-
     files = part_files(arguments.parts)
     check_apart(arguments.output, files)
-    parts = sorted(((read_usd(file), file) for file in files), key=lambda pair: pair[0].frames)
-    tracks = stitched([part for part, _ in parts], [shown(file) for _, file in parts])
-    account = [row for part, file in parts for row in part_rows(part, file)]
-    metadata = {name: tracks.metadata[name] for name in tracks.metadata if name not in OF_FRAMES}
-    tracks = LobeTracks(tracks.frames, tracks.fps, tracks.lobes, metadata | {"parts": account})
-    variant = representation_of(parts[0][1]) or "cards"
-    written = write_usd(tracks, arguments.output, representation=variant)
-    document = {
-        "output": arguments.output,
-        "bytes": written.bytes,
-        "lobes": tracks.lobes.count,
-        "form": str(tracks.lobes.form),
-        "fps": tracks.fps,
-        "frames": list(tracks.frames),
-        "parts": account,
-    }
+    document = as_document(join(files, arguments.output), arguments.output)
     if arguments.json:
         print_json(document)
     else:
@@ -104,13 +76,18 @@ def _stem(path: str) -> Path:
     return Path(path).resolve().with_suffix("")
 
 
-def part_rows(part: LobeTracks, file: str) -> list[dict[str, Any]]:
-    """Return what the shot remembers of a part; of one that is stitched itself, of its parts."""
-    if "parts" in part.metadata:
-        return list(part.metadata["parts"])
-    of_frames = {name: part.metadata[name] for name in OF_FRAMES if name in part.metadata}
-    row = {"name": Path(file).name, "frames": list(part.frames), "lobes": part.lobes.count}
-    return [row | of_frames]
+def as_document(joined: Joined, output: str) -> dict[str, Any]:
+    """Return a stitched shot as JSON values."""
+    tracks = joined.tracks
+    return {
+        "output": output,
+        "bytes": joined.written.bytes,
+        "lobes": tracks.lobes.count,
+        "form": str(tracks.lobes.form),
+        "fps": tracks.fps,
+        "frames": list(tracks.frames),
+        "parts": tracks.metadata["parts"],
+    }
 
 
 def summary_lines(document: dict[str, Any]) -> list[str]:

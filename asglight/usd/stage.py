@@ -47,6 +47,17 @@ def find_rig(stage: Usd.Stage) -> Usd.Prim | None:
     return None
 
 
+def representation_of(path: str | Path) -> str | None:
+    """Return the variant that a stage opens with: the lights that a renderer sees.
+
+    Raises:
+        InputError: There is no file, or USD cannot read it.
+    """
+    stage = open_stage(path)  # kept: the rig dies with its stage
+    rig = find_rig(stage)
+    return rig.GetVariantSet(schema.VARIANT_SET).GetVariantSelection() or None if rig else None
+
+
 def has_lobe_api(prim: Usd.Prim) -> bool:
     """Tell whether AsgLobeAPI is applied, also where USD does not know the schema."""
     applied = prim.GetMetadata("apiSchemas") or Sdf.TokenListOp()

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One stage from the stages of the parts of a shot."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from asglight.images.message import shown
+from asglight.lobes import LobeTracks
+from asglight.lobes.stitching import stitched
+
+if TYPE_CHECKING:
+    from asglight.usd import WriteReport
+
+OF_FRAMES = (
+    "loss",
+    "flux_error",
+    "repairs",
+    "left_out",
+    "tolerance_met",
+    "worst_errors",
+)
+"""Metadata that is true of the frames of one part only, and stays with it."""
+
+
+@dataclass(frozen=True)
+class Joined:
+    """A shot that was put together.
+
+    Attributes:
+        tracks: The lobes, as written; `parts` of the metadata is the account of the parts.
+        written: What was written.
+    """
+
+    tracks: LobeTracks
+    written: "WriteReport"
+
+
+def join(files: Sequence[str], output: str) -> Joined:
+    """Read parts, stitch them and write the shot, which opens with the variant of the first part.
+
+    Args:
+        files: Stages of the parts, in any order.
+        output: The stage of the shot.
+
+    Raises:
+        InputError: A part cannot be read, they do not make up a shot, or it cannot be written.
+    """
+    from asglight.usd import read_usd, write_usd  # loads pxr
+    from asglight.usd.stage import representation_of
+
+    parts = sorted(((read_usd(file), file) for file in files), key=lambda pair: pair[0].frames)
+    tracks = stitched([part for part, _ in parts], [shown(file) for _, file in parts])
+    account = [row for part, file in parts for row in part_rows(part, file)]
+    metadata = {name: tracks.metadata[name] for name in tracks.metadata if name not in OF_FRAMES}
+    tracks = LobeTracks(tracks.frames, tracks.fps, tracks.lobes, metadata | {"parts": account})
+    variant = representation_of(parts[0][1]) or "cards"
+    return Joined(tracks, write_usd(tracks, output, representation=variant))
+
+
+def part_rows(part: LobeTracks, file: str) -> list[dict[str, Any]]:
+    """Return what the shot remembers of a part; of one that is stitched itself, of its parts."""
+    if "parts" in part.metadata:
+        return list(part.metadata["parts"])
+    of_frames = {name: part.metadata[name] for name in OF_FRAMES if name in part.metadata}
+    row = {"name": Path(file).name, "frames": list(part.frames), "lobes": part.lobes.count}
+    return [row | of_frames]
