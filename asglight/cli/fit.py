@@ -22,7 +22,8 @@ from asglight.shots import ShotResult, fit_shot
 from asglight.shots.settings import Representation
 from asglight.shots.tracks import repairs_of
 
-EXAMPLE = "asglight fit sky.####.exr -o sky.usda --frames 1001-1048 --resume"
+EXAMPLE = """asglight fit sky.####.exr -o sky.usda --frames 1001-1048 --resume
+part of a shot: asglight fit sky.####.exr -o part.2.usdc --frames 1045-1096 --preroll 1001"""
 ON_INTERRUPT = "interrupted; resume with --resume"
 
 
@@ -49,6 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="lobe function (default: %(default)s)",
     )
     add_input_options(parser)
+    part = "the shot's first frame, if --frames is a part of it: parts then have the same lobes"
+    add("--preroll", type=int, metavar="FRAME", help=part)
     missing = "what stands in for a missing frame (default: %(default)s, which stops)"
     add("--missing", choices=get_args(Missing), default="error", help=missing)
     rate = "frames per second of the stage, such as 24 or 24000/1001 (default: 24)"
@@ -109,6 +112,7 @@ def options_from(arguments: argparse.Namespace) -> FitOptions:
         paper_steps=steps or FitOptions().paper_steps,
         tolerance=arguments.tolerance,
         max_lobes=arguments.max_lobes,
+        preroll=arguments.preroll,
     )
 
 

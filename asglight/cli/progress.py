@@ -11,7 +11,16 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 
 from asglight.cli.printing import counted, duration, percent
-from asglight.shots.events import Event, FrameDone, Notice, Refined, Searched, Started, StepDone
+from asglight.shots.events import (
+    Event,
+    FrameDone,
+    Notice,
+    Prerolled,
+    Refined,
+    Searched,
+    Started,
+    StepDone,
+)
 
 STEP_LINE_SECONDS = 30.0
 """Between two lines about one slow frame: often enough to see that it lives, few in a log."""
@@ -66,9 +75,11 @@ class Lines:
                 self._print(search_line(event))
             case Refined():
                 self._print(f"refined {event.done}/{event.frames}")
+            case Prerolled() if time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
+                self._print(f"preroll {event.done}/{event.frames}")
             case StepDone() if time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
                 self._print(f"frame {event.frame}  {step_numbers(event)}")
-            case Started() | StepDone():
+            case Started() | Prerolled() | StepDone():
                 pass
 
     def follow(self, items: Iterable[_Item], label: str, count: int) -> Iterator[_Item]:
@@ -89,6 +100,7 @@ class Bar:
         self._progress = progress
         self._fit: TaskID | None = None
         self._refine: TaskID | None = None
+        self._preroll: TaskID | None = None
 
     def __call__(self, event: Event) -> None:
         """Move the bar of the fit."""
@@ -106,6 +118,11 @@ class Bar:
             if self._refine is None:
                 self._refine = self._progress.add_task("refining", total=event.frames, numbers="")
             self._progress.update(self._refine, completed=event.done)
+            return
+        if isinstance(event, Prerolled):
+            if self._preroll is None:
+                self._preroll = self._progress.add_task("preroll", total=event.frames, numbers="")
+            self._progress.update(self._preroll, completed=event.done)
             return
         if isinstance(event, Searched):
             self._progress.update(self._fit, numbers=search_line(event))

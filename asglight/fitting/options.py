@@ -45,6 +45,8 @@ class FitOptions:
         paper_steps: Adam steps of the `paper` preset for the first and for each next frame.
         tolerance: Largest irr and r0.5 (measures.py) of any frame; None fits a number of lobes.
         max_lobes: With a tolerance, lobes at most; None for `MAX_LOBES`.
+        preroll: The first frame of the shot, for a part of it that is to have the same lobes as the
+            other parts; None begins from nothing.
     """
 
     lobes: int | None = None
@@ -55,6 +57,7 @@ class FitOptions:
     paper_steps: tuple[int, int] = (paper.FIRST_FRAME_STEPS, paper.NEXT_FRAME_STEPS)
     tolerance: float | None = None
     max_lobes: int | None = None
+    preroll: int | None = None
 
     @property
     def count(self) -> int:

@@ -25,6 +25,19 @@ class Started:
 
 
 @dataclass(frozen=True)
+class Prerolled:
+    """One more frame before a part of a shot was followed; nothing of it is kept.
+
+    Attributes:
+        done: Frames so far.
+        frames: Frames before the part.
+    """
+
+    done: int
+    frames: int
+
+
+@dataclass(frozen=True)
 class Searched:
     """One number of lobes was tried on one frame, in search of the fewest that a tolerance allows.
 
@@ -104,7 +117,7 @@ class Notice:
     text: str
 
 
-Event = Started | Searched | StepDone | FrameDone | Refined | Notice
+Event = Started | Prerolled | Searched | StepDone | FrameDone | Refined | Notice
 OnProgress = Callable[[Event], None]
 
 

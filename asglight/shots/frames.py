@@ -35,6 +35,7 @@ def fit_frames(
     done: list[FrameRecord],
     on_progress: OnProgress,
     on_image: OnImage = no_image,
+    start: list[Lobes] | None = None,
 ) -> Iterator[FrameRecord]:
     """Fit the frames that follow those that are done.
 
@@ -47,8 +48,9 @@ def fit_frames(
         done: Frames of an earlier run.
         on_progress: Called with each event.
         on_image: Called with each image that is fitted.
+        start: Lobes of up to two frames before the first one; without them it begins from nothing.
     """
-    before = [record.lobes for record in own_frames(done)[-2:]]
+    before = [*(start or []), *(record.lobes for record in own_frames(done))][-2:]
     last = done[-1] if done else None
     frames = list(sequence.frames[len(done) :])
     shown = None

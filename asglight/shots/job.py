@@ -18,6 +18,7 @@ from asglight.images.sequence import Missing
 from asglight.lobes import Form, LobeTracks
 from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
 from asglight.shots.events import Notice, OnProgress, ignore
+from asglight.shots.preroll import Followed, check_preroll
 from asglight.shots.reading import stamp_of
 from asglight.shots.records import FrameRecord
 from asglight.shots.rounds import InMemory, fitted_shot
@@ -63,6 +64,7 @@ def fit_shot(
     representation: Representation = "cards",
     resume: bool = False,
     on_progress: OnProgress = ignore,
+    followed: Followed | None = None,
 ) -> ShotResult:
     """Fit a sequence and write it as a USD stage.
 
@@ -82,6 +84,7 @@ def fit_shot(
         representation: The variant that the stage opens with: `cards`, `distant` or `dome`.
         resume: Go on from the checkpoint, if there is one.
         on_progress: Called with each event.
+        followed: With a preroll, where it has been already (preroll.py).
 
     Raises:
         InputError: The input, a setting or the output cannot be used; or another run writes it.
@@ -93,13 +96,14 @@ def fit_shot(
     check_fps(fps)
     check_output(output, representation)
     sequence = open_sequence(source, frames=frames, missing=missing, height=FIT_HEIGHT, layer=layer)
+    check_preroll(options, sequence.frames[0])
     options = options.settled()
     header = header_of(settings_of(sequence, options, fps))
     path = output.with_name(output.name + SUFFIX)
     with Checkpoint(path, header, resume=resume) as checkpoint:
         _check_unchanged(sequence, checkpoint)
         _tell_state(checkpoint, on_progress)
-        shot = fitted_shot(sequence, options, checkpoint, on_progress)
+        shot = fitted_shot(sequence, options, checkpoint, on_progress, followed)
         tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
         written = write_usd(tracks, output, representation=representation)
         checkpoint.remove()

@@ -6,9 +6,11 @@ from typing import Protocol
 
 from asglight.fitting.options import FitOptions
 from asglight.images import Sequence
+from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 from asglight.shots.events import Notice, OnProgress, Started
 from asglight.shots.frames import OnImage, fit_frames, frame_done, no_image
+from asglight.shots.preroll import Followed, start_of
 from asglight.shots.records import FrameRecord, own_frames
 from asglight.shots.refining import refined
 from asglight.shots.tolerance import Accuracy, Worst, fewest_lobes, more_lobes, worst
@@ -61,7 +63,11 @@ class FittedShot:
 
 
 def fitted_shot(
-    sequence: Sequence, options: FitOptions, kept: Kept, on_progress: OnProgress
+    sequence: Sequence,
+    options: FitOptions,
+    kept: Kept,
+    on_progress: OnProgress,
+    followed: Followed | None = None,
 ) -> FittedShot:
     """Fit the frames that are not kept yet; with a tolerance, all again where one misses it.
 
@@ -73,6 +79,7 @@ def fitted_shot(
         options: Settings, as `FitOptions.settled` returns them.
         kept: Frames of an earlier run; takes those of this one.
         on_progress: Called with each event.
+        followed: Where the preroll has been already, if it has (preroll.py).
 
     Raises:
         InputError: A frame cannot be read, or has changed since it was fitted.
@@ -80,7 +87,10 @@ def fitted_shot(
     resumed = len(kept.records)
     on_progress(Started(len(sequence), resumed))
     if options.tolerance is None or options.max_lobes is None:
-        records = _round(sequence, options, kept, resumed, on_progress, no_image)
+        # a frame starts from the two before it, so the third needs no preroll
+        is_begun = len(own_frames(kept.records)) >= 2
+        start = [] if is_begun else start_of(sequence, options, followed, on_progress)
+        records = _round(sequence, options, kept, resumed, on_progress, no_image, start)
         return FittedShot(records, options, resumed)
     accuracy = Accuracy(options.tolerance)
     if kept.records:
@@ -112,9 +122,10 @@ def _round(
     resumed: int,
     on_progress: OnProgress,
     on_image: OnImage,
+    start: list[Lobes] | None = None,
 ) -> list[FrameRecord]:
     """Fit the frames that are not kept yet, and refine them all."""
-    for record in fit_frames(sequence, options, kept.records, on_progress, on_image):
+    for record in fit_frames(sequence, options, kept.records, on_progress, on_image, start):
         kept.append(record)
         on_progress(frame_done(kept.records, resumed, len(sequence)))
     return refined(kept.records, sequence, options, on_progress)
