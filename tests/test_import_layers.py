@@ -31,6 +31,9 @@ version)."""
 
 ONLY_IN = {"pxr": {"usd"}, "moderngl": {"viewer"}, "imgui_bundle": {"viewer"}}
 
+FARM = PACKAGE / "shots" / "farm.py"
+"""The one file that knows Dask, which few users have."""
+
 
 def imported_modules(source: Path) -> set[str]:
     """Return the dotted names of every import statement, also inside functions."""
@@ -64,13 +67,23 @@ def test_a_room_imports_only_the_rooms_it_may(source: Path) -> None:
             assert rest[0] == own or rest[0] in ALLOWED[own], f"{source.name} imports {name}"
 
 
+def test_one_file_knows_dask_and_only_the_command_line_knows_that_file() -> None:
+    for source in sources():
+        names = imported_modules(source)
+        tops = {name.partition(".")[0] for name in names}
+        assert source == FARM or not {"dask", "distributed"} & tops, source
+        uses = any(name.startswith("asglight.shots.farm") for name in names)
+        assert not uses or room(source) == "cli", source
+
+
 def test_every_room_has_its_rule() -> None:
     rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()}
     assert rooms <= ALLOWED.keys()
 
 
 def test_importing_asglight_loads_neither_usd_nor_a_window() -> None:
-    code = "import asglight, sys; print(*{'pxr', 'moderngl', 'imgui_bundle'} & set(sys.modules))"
+    heavy = {"pxr", "moderngl", "imgui_bundle", "distributed", "dask"}
+    code = f"import asglight, asglight.cli.fit, sys; print(*{heavy} & set(sys.modules))"
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )

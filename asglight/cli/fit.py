@@ -4,6 +4,7 @@
 import argparse
 from typing import Any, get_args
 
+from asglight.cli import farm
 from asglight.cli.leaving_out import left_out_lines
 from asglight.cli.parser import (
     add_input_options,
@@ -22,8 +23,9 @@ from asglight.shots import ShotResult, fit_shot
 from asglight.shots.settings import Representation
 from asglight.shots.tracks import repairs_of
 
-EXAMPLE = """asglight fit sky.####.exr -o sky.usda --frames 1001-1048 --resume
-part of a shot: asglight fit sky.####.exr -o part.2.usdc --frames 1045-1096 --preroll 1001"""
+EXAMPLE = f"""asglight fit sky.####.exr -o sky.usda --frames 1001-1048 --resume
+part of a shot: asglight fit sky.####.exr -o part.2.usdc --frames 1045-1096 --preroll 1001
+Dask: {farm.EXAMPLE}"""
 ON_INTERRUPT = "interrupted; resume with --resume"
 
 
@@ -31,8 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `fit`."""
     add = parser.add_argument
     default = FitOptions()
-    add("input", metavar="INPUT", help="image file, folder, or pattern such as sky.####.exr")
-    add("-o", "--output", required=True, metavar="STAGE", help="stage: .usda, .usdc or .usd")
+    source = "image file, folder, or pattern such as sky.####.exr; several with --scheduler"
+    add("input", nargs="+", metavar="INPUT", help=source)
+    stage = "stage: .usda, .usdc or .usd; with several inputs, the folder of their stages"
+    add("-o", "--output", required=True, metavar="STAGE", help=stage)
     add("--lobes", type=int, metavar="N", help=f"number of lobes (default: {LOBES})")
     fewest = (
         "in place of --lobes: the fewest with which irr and r0.5 of every frame stay at or below"
@@ -65,16 +69,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     first, following = default.paper_steps
     steps = f"steps of --preset paper (default: {first},{following})"
     add("--paper-steps", type=step_pair, metavar="FIRST,NEXT", help=steps)
+    farm.add_arguments(parser)
     add_json_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write, and say what was written."""
+    options = options_from(arguments)
+    if arguments.scheduler is not None:
+        return farm.run(arguments, options)
+    source = farm.one_input(arguments)
     with reporter() as report:
         result = fit_shot(
-            arguments.input,
+            source,
             arguments.output,
-            options_from(arguments),
+            options,
             frames=arguments.frames,
             fps=arguments.fps,
             missing=arguments.missing,

@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from asglight.cli.printing import counted, duration, percent
 from asglight.shots.events import (
     Event,
+    Farmed,
     FrameDone,
     Notice,
     Prerolled,
@@ -79,7 +80,11 @@ class Lines:
                 self._print(f"preroll {event.done}/{event.frames}")
             case StepDone() if time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
                 self._print(f"frame {event.frame}  {step_numbers(event)}")
-            case Started() | Prerolled() | StepDone():
+            case Farmed(finished=str(part)):
+                self._print(f"{part} finished  {farm_numbers(event)}")
+            case Farmed() if time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
+                self._print(farm_numbers(event))
+            case Started() | Farmed() | Prerolled() | StepDone():
                 pass
 
     def follow(self, items: Iterable[_Item], label: str, count: int) -> Iterator[_Item]:
@@ -112,6 +117,11 @@ class Bar:
                 "fitting", total=event.frames, completed=event.done, numbers=""
             )
             self._refine = None
+            return
+        if isinstance(event, Farmed):
+            if self._fit is None:
+                self._fit = self._progress.add_task("fitting", total=event.frames, numbers="")
+            self._progress.update(self._fit, completed=event.done, numbers=farm_numbers(event))
             return
         assert self._fit is not None, "an event before the start"
         if isinstance(event, Refined):
@@ -161,6 +171,12 @@ def frame_numbers(event: FrameDone) -> str:
     """Return loss, flux error and times of a finished frame."""
     took, left = duration(event.seconds), duration(event.seconds_left)
     return f"loss {event.loss:.4g}  flux {percent(event.flux_error)}  {took}, {left} left"
+
+
+def farm_numbers(event: Farmed) -> str:
+    """Return how far a farm has come."""
+    left = "" if event.seconds_left is None else f", {duration(event.seconds_left)} left"
+    return f"{event.done} of {counted(event.frames, 'frame')}{left}"
 
 
 def step_numbers(event: StepDone) -> str:

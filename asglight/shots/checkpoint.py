@@ -37,6 +37,10 @@ def header_of(settings: dict[str, Any]) -> dict[str, Any]:
     return {"format": FORMAT, "format_version": FORMAT_VERSION, **settings}
 
 
+class BusyError(InputError):
+    """Another run holds the file."""
+
+
 class Checkpoint:
     """An open, locked checkpoint.
 
@@ -63,7 +67,7 @@ class Checkpoint:
         self.records: list[FrameRecord] = []
         self.left_aside = 0
         self._header = header
-        self._stream, self.is_locked = _open_locked(path)
+        self._stream, self.is_locked = open_locked(path)
         # Where the next line goes; 0 until this run owns the content.
         self._length = 0
         try:
@@ -143,7 +147,7 @@ class Checkpoint:
         if damaged:
             raise self._damaged(damaged[0])
         header, *rest = [record for record in parsed if record is not None]
-        self._compare(header)
+        check_same(self.path, header, self._header)
         frames = self._header["frames"]
         records: list[FrameRecord] = []
         for index, record in enumerate(rest):
@@ -156,18 +160,6 @@ class Checkpoint:
             records.append(frame)
         return records
 
-    def _compare(self, found: dict[str, Any]) -> None:
-        """Refuse a checkpoint that another kind of run has made."""
-        for name in dict.fromkeys([*self._header, *found]):
-            before, now = found.get(name), self._header.get(name)
-            if before != now:
-                setting = f"{name.replace('_', ' ')} {_brief(before)}"
-                raise InputError(
-                    f"{shown(self.path)}: was made with {setting}, this run has {_brief(now)}; "
-                    "expected the same. Run it as before, or start afresh: delete the file or "
-                    "leave out --resume."
-                )
-
     def _damaged(self, line: int) -> InputError:
         return InputError(
             f"{shown(self.path)}: line {line} is damaged; expected an intact checkpoint. "
@@ -175,8 +167,35 @@ class Checkpoint:
         )
 
 
-def _open_locked(path: Path) -> tuple[BinaryIO, bool]:
-    """Open a file for reading and writing, and lock it; tell whether it could be locked."""
+def check_same(path: Path, found: dict[str, Any], wanted: dict[str, Any]) -> None:
+    """Refuse to go on with what another kind of run has made.
+
+    Args:
+        path: What was found, for the message.
+        found: The settings of that run.
+        wanted: Those of this one.
+
+    Raises:
+        InputError: They differ.
+    """
+    for name in dict.fromkeys([*wanted, *found]):
+        before, now = found.get(name), wanted.get(name)
+        if before != now:
+            setting = f"{name.replace('_', ' ')} {_brief(before)}"
+            raise InputError(
+                f"{shown(path)}: was made with {setting}, this run has {_brief(now)}; "
+                "expected the same. Run it as before, or start afresh: delete it or "
+                "leave out --resume."
+            )
+
+
+def open_locked(path: Path) -> tuple[BinaryIO, bool]:
+    """Open a file for reading and writing, and lock it; tell whether it could be locked.
+
+    Raises:
+        BusyError: Another run has locked it.
+        InputError: It cannot be written.
+    """
     while True:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
@@ -189,7 +208,7 @@ def _open_locked(path: Path) -> tuple[BinaryIO, bool]:
             if error.errno not in (errno.EAGAIN, errno.EACCES):
                 return stream, False  # a network file system without a lock service
             stream.close()
-            raise InputError(
+            raise BusyError(
                 f"{shown(str(path).removesuffix(SUFFIX))}: another run is writing it; expected one "
                 "run for each output. Wait for it to end or write to another name."
             ) from error

@@ -111,13 +111,30 @@ class Refined:
 
 
 @dataclass(frozen=True)
+class Farmed:
+    """One more frame of any part was fitted somewhere, or a part is finished.
+
+    Attributes:
+        done: Frames fitted so far, of all parts of all shots.
+        frames: Frames of all parts of all shots.
+        seconds_left: Expected time for the rest; None before the first frame.
+        finished: The part that is finished, such as `day 1015-1034`; None between.
+    """
+
+    done: int
+    frames: int
+    seconds_left: float | None
+    finished: str | None = None
+
+
+@dataclass(frozen=True)
 class Notice:
     """One line that the user should see; nothing stops."""
 
     text: str
 
 
-Event = Started | Prerolled | Searched | StepDone | FrameDone | Refined | Notice
+Event = Started | Prerolled | Searched | StepDone | FrameDone | Refined | Farmed | Notice
 OnProgress = Callable[[Event], None]
 
 

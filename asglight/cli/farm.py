@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`asglight fit --scheduler`: several shots, cut into parts, on a Dask cluster."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from asglight.cli.printing import counted, frame_range, print_json
+from asglight.cli.progress import reporter
+from asglight.errors import InputError
+from asglight.fitting.options import FitOptions
+from asglight.images import open_sequence
+from asglight.images.message import shown
+from asglight.shots.chunks import CHUNK, OVERLAP, Shot
+from asglight.shots.joining import part_rows
+
+EXAMPLE = (
+    "asglight fit day.####.exr tunnel.####.exr -o stages/ --scheduler tcp://farm:8786 --resume"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a farm to those of `fit`."""
+    where = "fit on a Dask cluster: tcp://HOST:PORT, or local:4 for 4 processes here"
+    parser.add_argument("--scheduler", metavar="ADDRESS", help=where)
+    length = f"with --scheduler: frames of a part (default: {CHUNK}), which overlap by {OVERLAP}"
+    parser.add_argument("--chunk", type=int, metavar="FRAMES", help=length)
+
+
+def one_input(arguments: argparse.Namespace) -> str:
+    """Return the input of a fit that needs no farm.
+
+    Raises:
+        InputError: There are several, or an option of a farm.
+    """
+    if arguments.chunk is not None:
+        raise InputError(
+            f"chunk: {arguments.chunk} without a scheduler; expected both or neither. "
+            "Add --scheduler local."
+        )
+    if len(arguments.input) > 1:
+        raise InputError(
+            f"input: {len(arguments.input)} sequences; expected one, or several with a scheduler. "
+            "Add --scheduler local."
+        )
+    return arguments.input[0]
+
+
+def run(arguments: argparse.Namespace, options: FitOptions) -> int:
+    """Fit every input on the cluster, and say what was written."""
+    from asglight.shots.farm import fit_on_farm
+
+    shots = shots_from(arguments, options)
+    with reporter() as report:
+        stages = fit_on_farm(
+            shots,
+            arguments.scheduler,
+            chunk=CHUNK if arguments.chunk is None else arguments.chunk,
+            resume=arguments.resume,
+            on_progress=report,
+        )
+    documents = [as_document(stage) for stage in stages]
+    if arguments.json:
+        print_json({"shots": documents})
+    else:
+        print("\n".join(map(summary_line, documents)))
+    return 0
+
+
+def shots_from(arguments: argparse.Namespace, options: FitOptions) -> list[Shot]:
+    """Return the shots: one to a stage, or several to stages in a folder, named by their images.
+
+    Raises:
+        InputError: An input cannot be found, two would write one stage, or an option has no effect.
+    """
+    if options.preroll is not None:
+        raise InputError(
+            f"preroll: {options.preroll} with a scheduler, which gives each part its own; expected "
+            "one of the two. Leave out --preroll."
+        )
+    output, names = Path(arguments.output).absolute(), {}
+    into_folder = len(arguments.input) > 1 or output.is_dir()
+    if into_folder and not output.is_dir():
+        raise InputError(
+            f"{shown(arguments.output)}: is no folder; expected one to write "
+            f"{counted(len(arguments.input), 'stage')} into. Make it first."
+        )
+    shots = []
+    for source in arguments.input:
+        stage = output
+        if into_folder:
+            name = open_sequence(source, missing="hold").name
+            if name in names:
+                raise InputError(
+                    f"{shown(source)}: would write {name}.usdc as {shown(names[name])} does; "
+                    "expected inputs of different names. Fit them one by one."
+                )
+            names[name] = source
+            stage = output / f"{name}.usdc"
+        shots.append(
+            Shot(
+                str(Path(source).absolute()),
+                str(stage),
+                options,
+                arguments.frames,
+                arguments.fps,
+                arguments.missing,
+                arguments.layer,
+                arguments.representation,
+            )
+        )
+    return shots
+
+
+def as_document(stage: str) -> dict[str, Any]:
+    """Return a finished shot as JSON values."""
+    from asglight.usd import read_usd
+
+    tracks = read_usd(stage)
+    return {
+        "output": stage,
+        "lobes": tracks.lobes.count,
+        "form": str(tracks.lobes.form),
+        "fps": tracks.fps,
+        "frames": list(tracks.frames),
+        "parts": part_rows(tracks, stage),
+    }
+
+
+def summary_line(document: dict[str, Any]) -> str:
+    """Return a finished shot as one line."""
+    frames = document["frames"]
+    return (
+        f"{document['output']}: {counted(document['lobes'], 'lobe')}, "
+        f"{counted(len(frames), 'frame')} ({frame_range(frames)}) at {document['fps']:g} fps, "
+        f"from {counted(len(document['parts']), 'part')}"
+    )

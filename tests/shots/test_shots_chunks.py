@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A shot cut into parts, and the folder that keeps them."""
+
+import itertools
+import os
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import sky_files
+
+from asglight.errors import InputError
+from asglight.fitting.options import FitOptions, Preset
+from asglight.shots import chunks, fit_shot
+from asglight.shots.checkpoint import BusyError, Checkpoint, header_of
+from asglight.shots.chunks import OVERLAP, Parts, Shot, cut, fit_part
+from asglight.shots.events import Event, Notice, ignore
+
+LIVE = FitOptions(lobes=2, preset=Preset.LIVE)
+
+
+@pytest.mark.parametrize("length", [8, 13, 48])
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 16, 17, 100, 241])
+def test_parts_cover_the_shot_and_overlap(count: int, length: int) -> None:
+    frames = tuple(range(1001, 1001 + 2 * count, 2))
+    parts = cut(frames, length)
+    assert len(parts) == -(-count // length)
+    assert sorted({frame for part in parts for frame in part}) == list(frames)
+    for before, after in itertools.pairwise(parts):
+        assert len(set(before) & set(after)) == OVERLAP
+        assert before[-OVERLAP:] == after[:OVERLAP]
+    # each frame is in two parts at most, so that a blend is of two
+    assert sum(map(len, parts)) == count + OVERLAP * (len(parts) - 1)
+    assert max(map(len, parts)) <= length + OVERLAP
+
+
+@pytest.fixture
+def shot(tmp_path: Path) -> Shot:
+    source = sky_files.write_sequence(tmp_path / "in", range(1001, 1017))
+    (tmp_path / "out").mkdir()
+    return Shot(str(source), str(tmp_path / "out" / "shot.usda"), LIVE)
+
+
+def begin(shot: Shot, *, resume: bool = False, chunk: int = 8) -> list[str]:
+    """Open a shot's parts, finish the first where none is, and return the notices."""
+    events: list[Event] = []
+    with Parts(shot, chunk, resume=resume, on_progress=events.append) as parts:
+        first = parts.parts[0]
+        if not first.done.exists():
+            Path(first.shot.output).touch()
+            first.done.touch()
+    return [event.text for event in events if isinstance(event, Notice)]
+
+
+def test_each_part_has_a_stage_of_its_own_and_the_shots_preroll(shot: Shot) -> None:
+    with Parts(shot, 8, resume=False, on_progress=ignore) as parts:
+        assert [part.span for part in parts.parts] == ["1001-1010", "1007-1016"]
+        assert [Path(part.shot.output).name for part in parts.parts] == [
+            "part.1001-1010.usdc",
+            "part.1007-1016.usdc",
+        ]
+        assert {part.shot.options.preroll for part in parts.parts} == {1001}
+        assert (parts.name, parts.frames) == ("sky", 20)
+    assert not parts.folder.exists()  # nothing was kept in it
+
+
+@pytest.mark.parametrize(
+    "options", [replace(LIVE, preset=Preset.PAPER), FitOptions(tolerance=0.02)], ids=str
+)
+def test_a_shot_whose_parts_would_not_fit_together_is_not_cut(
+    shot: Shot, options: FitOptions
+) -> None:
+    with Parts(replace(shot, options=options), 8, resume=False, on_progress=ignore) as parts:
+        (part,) = parts.parts
+        assert part.shot.output == shot.output
+        assert part.shot.options == options
+
+
+def test_finished_parts_are_kept_or_told(shot: Shot) -> None:
+    begin(shot)
+    assert begin(shot, resume=True) == []
+    (notice,) = begin(shot)
+    assert notice.endswith(
+        "shot.usda.parts: 1 finished part of an earlier run not used; --resume would go on from "
+        "there"
+    )
+
+
+def test_another_run_is_refused(shot: Shot) -> None:
+    begin(shot)
+    with pytest.raises(InputError, match=r"shot\.usda\.parts: was made with lobes 2, this run"):
+        begin(replace(shot, options=replace(LIVE, lobes=3)), resume=True)
+    with pytest.raises(InputError, match=r"was made with chunk 8, this run has 9"):
+        begin(shot, resume=True, chunk=9)
+
+
+def test_a_changed_image_is_refused_where_a_part_has_used_it(shot: Shot) -> None:
+    begin(shot)
+    os.utime(Path(shot.source) / "sky.1011.exr", (1, 1))  # the second part, not begun
+    begin(shot, resume=True)
+    os.utime(Path(shot.source) / "sky.1010.exr", (1, 1))
+    with pytest.raises(InputError, match=r"sky\.1010\.exr: has changed since .*; expected the"):
+        begin(shot, resume=True)
+
+
+def test_a_settings_file_that_was_cut_off_counts_as_none(shot: Shot) -> None:
+    begin(shot)
+    settings = Path(shot.output + ".parts") / "settings.json"
+    settings.write_bytes(settings.read_bytes()[:20])
+    assert len(begin(shot, resume=True)) == 1
+
+
+def test_a_folder_of_others_is_left_alone(shot: Shot) -> None:
+    folder = Path(shot.output + ".parts")
+    folder.mkdir()
+    (folder / "part.time").write_text("tables")
+    with pytest.raises(InputError, match=r"shot\.usda\.parts: holds no parts of asglight"):
+        begin(shot)
+    assert (folder / "part.time").read_text() == "tables"
+
+
+def test_two_runs_on_one_stage_are_refused(shot: Shot) -> None:
+    with (
+        Parts(shot, 8, resume=False, on_progress=ignore),
+        pytest.raises(BusyError, match="another run is writing it"),
+    ):
+        Parts(shot, 8, resume=True, on_progress=ignore)
+
+
+def test_a_part_waits_for_a_worker_that_was_given_up(
+    shot: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Parts(replace(shot, frames="1001-1003"), 8, resume=False, on_progress=ignore) as parts:
+        (part,) = parts.parts
+        held = Checkpoint(Path(part.shot.output + ".checkpoint"), header_of({}), resume=False)
+        release = threading.Timer(0.2, held.remove)
+        release.start()
+        fit_part(part, None, ignore)
+        release.join()
+        assert part.done.exists()
+    alone = tmp_path / "shot.usda"
+    fit_shot(shot.source, alone, LIVE, frames="1001-1003")
+    assert alone.read_bytes() == Path(shot.output).read_bytes()
+    monkeypatch.setattr(chunks, "BUSY_SECONDS", 0.0)
+    part.done.unlink()
+    with (
+        Checkpoint(Path(part.shot.output + ".checkpoint"), header_of({}), resume=False),
+        pytest.raises(BusyError, match="another run is writing it"),
+    ):
+        fit_part(part, None, ignore)
