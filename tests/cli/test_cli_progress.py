@@ -7,7 +7,7 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn
 
 from asglight.cli import printing, progress
 from asglight.images import Repair
-from asglight.shots.events import FrameDone, Notice, Refined, Started, StepDone
+from asglight.shots.events import Farmed, FrameDone, Notice, Prerolled, Refined, Started, StepDone
 
 FRAME = FrameDone(1001, 1, 48, 0.412, 1e-4, 0.4, 18.8, Repair(negative=3))
 
@@ -51,6 +51,59 @@ def test_a_slow_frame_gives_a_line_now_and_then(
     assert capsys.readouterr().err.splitlines() == [
         f"frame 1001  step {step}/24000  loss 0.5" for step in (30, 60, 90)
     ]
+
+
+def test_a_farm_tells_of_finished_parts_and_else_now_and_then(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    lines = progress.Lines()
+    lines(Farmed(0, 96, None))
+    for done in range(1, 41):
+        now[0] += 1.0
+        lines(Farmed(done, 96, 96.0 - done))
+    lines(Farmed(50, 96, 46.0, "day 1001-1050"))
+    assert capsys.readouterr().err.splitlines() == [
+        "30 of 96 frames, 1 min 06 s left",
+        "day 1001-1050 finished  50 of 96 frames, 46 s left",
+    ]
+
+
+def test_a_long_preroll_gives_a_line_now_and_then(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    lines = progress.Lines()
+    for done in range(1, 71):
+        now[0] += 1.0
+        lines(Prerolled(done, 240))
+    assert capsys.readouterr().err.splitlines() == ["preroll 30/240", "preroll 60/240"]
+
+
+def test_the_bar_shows_a_preroll_and_a_farm() -> None:
+    screen = io.StringIO()
+    console = Console(file=screen, force_terminal=True, width=120)
+    columns = (
+        TextColumn("{task.description}"),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[numbers]}"),
+    )
+    with Progress(*columns, console=console, auto_refresh=False) as shown:
+        bar = progress.Bar(shown)
+        bar(Started(20, 0))
+        bar(Prerolled(1, 14))
+        bar(Prerolled(2, 14))
+        shown.refresh()
+        farm = progress.Bar(shown)
+        farm(Farmed(3, 96, None))
+        farm(Farmed(4, 96, 9.0, "day 1001-1050"))
+        shown.refresh()
+    text = screen.getvalue()
+    assert " 2/14" in text
+    assert " 4/96" in text
+    assert "4 of 96 frames, 9.0 s left" in text
 
 
 def test_work_item_by_item_is_passed_on(capsys: pytest.CaptureFixture[str]) -> None:
