@@ -30,6 +30,7 @@ from asglight.usd.checks import check_target, check_tracks
 from asglight.usd.lint import lint_stage
 from asglight.usd.read import read_usd
 from asglight.usd.schema import Representation
+from asglight.usd.spaces import space_of, to_stage
 from asglight.usd.stage import find_rig, lobe_prims, numbers, open_stage
 from asglight.usd.staging import WriteReport
 
@@ -181,7 +182,8 @@ def write_edit_layer(
 def _tracks(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> Iterator[_Track]:
     """Yield the attributes of the edited lobes and of their lights."""
     chosen = sorted(edited)
-    lobes = layer.continuous(tracks.lobes.select(torch.tensor(chosen, dtype=torch.long)))
+    lobes = tracks.lobes.select(torch.tensor(chosen, dtype=torch.long))
+    lobes = layer.continuous(to_stage(lobes, space_of(below.rig)))
     names = [prim.GetName() for prim in lobe_prims(below.rig)]
     scope = below.rig.GetPath().AppendChild(schema.LOBES)
     own = [scope.AppendChild(names[index]) for index in chosen]

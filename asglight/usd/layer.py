@@ -7,7 +7,7 @@ representation turns with it and a reader needs none of them. Lights are derived
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from asglight.lobes.data import Form, Lobes
 from asglight.usd import cards, distant, schema
 from asglight.usd.authoring import TrackAuthor, constant
 from asglight.usd.schema import Representation
+from asglight.usd.spaces import Space, to_stage
 
 LOBE_TOLERANCE = 1e-6
 """Relative. A lobe comes back to float32 rounding, about ten units in the last place."""
@@ -41,12 +42,14 @@ class Placement:
         distance: Of the cards from the origin, in stage units.
         meters_per_unit: Length of a stage unit.
         textures: Dome images relative to the layer: one for each frame, or one for all.
+        space: Of the stage's numbers.
     """
 
     representation: Representation
     distance: float
     meters_per_unit: float
     textures: Sequence[str]
+    space: Space = field(default_factory=Space)
 
 
 def build(tracks: LobeTracks, placement: Placement) -> tuple[Sdf.Layer, TrackAuthor]:
@@ -57,11 +60,11 @@ def build(tracks: LobeTracks, placement: Placement) -> tuple[Sdf.Layer, TrackAut
     """
     layer = Sdf.Layer.CreateAnonymous(".usda")
     author = TrackAuthor(tracks.frames)
-    lobes = continuous(tracks.lobes)
+    lobes = continuous(to_stage(tracks.lobes, placement.space))
     with Sdf.ChangeBlock():
-        _author_stage_metadata(layer, tracks, placement.meters_per_unit)
+        _author_stage_metadata(layer, tracks, placement)
         rig = Sdf.PrimSpec(layer, schema.RIG, Sdf.SpecifierDef, "Xform")
-        rig.SetInfo("customData", {schema.CUSTOM_DATA: _custom_data(tracks)})
+        rig.SetInfo("customData", {schema.CUSTOM_DATA: _custom_data(tracks, placement.space)})
         rig.SetInfo("variantSetNames", Sdf.StringListOp.Create(prependedItems=[schema.VARIANT_SET]))
         rig.variantSelections[schema.VARIANT_SET] = str(placement.representation)
         _author_lobes(author, rig, lobes)
@@ -74,7 +77,7 @@ def build(tracks: LobeTracks, placement: Placement) -> tuple[Sdf.Layer, TrackAut
         offset = Gf.Vec3d(0, 0, placement.distance)
         _author_cards(author, in_cards, lobes.form, card_values, offset)
         _author_distants(author, in_distant, lobes.form, distant.values(lobes))
-        _author_dome(author, in_dome, lobes.count, placement.textures)
+        _author_dome(author, in_dome, lobes.count, placement)
     return layer, author
 
 
@@ -116,21 +119,25 @@ def metadata_text(tracks: LobeTracks) -> str:
     return json.dumps(dict(tracks.metadata), allow_nan=False, ensure_ascii=False)
 
 
-def _author_stage_metadata(layer: Sdf.Layer, tracks: LobeTracks, meters_per_unit: float) -> None:
+def _author_stage_metadata(layer: Sdf.Layer, tracks: LobeTracks, placement: Placement) -> None:
     layer.defaultPrim = schema.RIG
-    layer.pseudoRoot.SetInfo("upAxis", "Y")
-    layer.pseudoRoot.SetInfo("metersPerUnit", meters_per_unit)
+    layer.pseudoRoot.SetInfo(schema.UP_AXIS, placement.space.up_axis)
+    layer.pseudoRoot.SetInfo("metersPerUnit", placement.meters_per_unit)
     layer.timeCodesPerSecond = layer.framesPerSecond = tracks.fps
     layer.startTimeCode = tracks.frames[0]
     layer.endTimeCode = tracks.frames[-1]
 
 
-def _custom_data(tracks: LobeTracks) -> dict[str, Any]:
+def _custom_data(tracks: LobeTracks, space: Space) -> dict[str, Any]:
     """Return the rig's custom data.
 
     The frames are listed only where some are missing between the first and the last.
     """
-    data: dict[str, Any] = {"version": schema.FORMAT_VERSION, "metadata": metadata_text(tracks)}
+    data: dict[str, Any] = {
+        "version": schema.FORMAT_VERSION,
+        schema.UP_AXIS: space.up_axis,
+        "metadata": metadata_text(tracks),
+    }
     first, last = tracks.frames[0], tracks.frames[-1]
     if len(tracks.frames) != last - first + 1:
         data["frames"] = Vt.IntArray(tracks.frames)
@@ -178,7 +185,7 @@ def _author_distants(
 
 
 def _author_dome(
-    author: TrackAuthor, variant: Sdf.PrimSpec, count: int, textures: Sequence[str]
+    author: TrackAuthor, variant: Sdf.PrimSpec, count: int, placement: Placement
 ) -> None:
     for lobe in _override_lobes(variant, count):
         lobe.typeName = "Xform"
@@ -187,7 +194,10 @@ def _author_dome(
     constant(dome, schema.INTENSITY, 1.0)
     constant(dome, schema.COLOR, Gf.Vec3f(1))
     constant(dome, schema.TEXTURE_FORMAT, "latlong")
-    author_textures(author, dome, textures)
+    author_textures(author, dome, placement.textures)
+    if placement.space.up_axis == "Z":  # a DomeLight has its pole at +Y, whatever is up
+        constant(dome, schema.ROTATE_DOME, 90.0)
+        constant(dome, schema.OP_ORDER, [schema.ROTATE_DOME])
 
 
 def _override_lobes(variant: Sdf.PrimSpec, count: int) -> list[Sdf.PrimSpec]:

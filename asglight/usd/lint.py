@@ -15,6 +15,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from asglight.usd import schema
 from asglight.usd.schema import Representation
+from asglight.usd.spaces import Space, space_of
 from asglight.usd.stage import find_rig, has_lobe_api, numbers, open_stage
 
 LIMITS = {
@@ -43,8 +44,8 @@ def lint_stage(path: str | Path) -> list[str]:
         InputError: There is no such file or USD cannot read it.
     """
     stage = open_stage(path)
-    findings = list(_stage_findings(stage))
     rig = find_rig(stage)
+    findings = list(_stage_findings(stage, rig))
     if rig is None:
         return [*findings, f"/: no prim with {schema.LOBES}; expected /{schema.RIG}"]
     findings += _lobe_findings(rig)
@@ -71,12 +72,14 @@ def lint_stage(path: str | Path) -> list[str]:
     return findings + list(_range_findings(stage, times))
 
 
-def _stage_findings(stage: Usd.Stage) -> Iterator[str]:
+def _stage_findings(stage: Usd.Stage, rig: Usd.Prim | None) -> Iterator[str]:
     root = stage.GetRootLayer()
     if root.defaultPrim != schema.RIG:
         yield f"/: defaultPrim is {root.defaultPrim!r}; expected {schema.RIG}"
-    if not stage.HasAuthoredMetadata("upAxis") or UsdGeom.GetStageUpAxis(stage) != "Y":
-        yield f"/: upAxis is {stage.GetMetadata('upAxis')!r}; expected an explicit Y"
+    up_axis = (space_of(rig) if rig else Space()).up_axis
+    if not stage.HasAuthoredMetadata(schema.UP_AXIS) or UsdGeom.GetStageUpAxis(stage) != up_axis:
+        found = stage.GetMetadata(schema.UP_AXIS)
+        yield f"/: upAxis is {found!r}; expected an explicit {up_axis}, as the lobes have"
     if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
         yield "/: metersPerUnit is not authored; expected an explicit length"
     rates = root.timeCodesPerSecond, root.framesPerSecond

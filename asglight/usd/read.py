@@ -22,6 +22,7 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.usd import schema
+from asglight.usd.spaces import from_stage, space_of
 from asglight.usd.stage import find_rig, lobe_prims, numbers, open_stage
 
 FRAMES_MAX = 1_000_000
@@ -31,7 +32,8 @@ FRAMES_MAX = 1_000_000
 def read_usd(path: str | Path) -> LobeTracks:
     """Read the tracks of a stage that asglight wrote.
 
-    Frames are all integers from startTimeCode to endTimeCode, or those that the rig lists.
+    Frames are all integers from startTimeCode to endTimeCode, or those that the rig lists. Lobes
+    come back with +Y up, whatever the stage has.
 
     Args:
         path: The stage.
@@ -55,7 +57,8 @@ def read_usd(path: str | Path) -> LobeTracks:
     if not (math.isfinite(fps) and fps > 0):
         _fail(path, f"{fps:g} time codes a second", "a rate above 0")
     times = _frame_numbers(path, stage, data)
-    return LobeTracks(times, fps, _lobes(path, prims, times), _metadata(path, data))
+    lobes = from_stage(_lobes(path, prims, times), space_of(rig))
+    return LobeTracks(times, fps, lobes, _metadata(path, data))
 
 
 def _lobes(path: str | Path, prims: list[Usd.Prim], times: tuple[int, ...]) -> Lobes:

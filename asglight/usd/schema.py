@@ -29,11 +29,15 @@ SIDES = ("front", "back")
 VARIANT_SET = "representation"
 
 CUSTOM_DATA = "asglight"
-"""Key of the custom data on the rig: {int version, string metadata (JSON), int[] frames}."""
+"""Key of the custom data on the rig: {int version, string upAxis, string metadata (JSON),
+int[] frames}."""
+UP_AXIS = "upAxis"
+"""Key of the axis there, and of the stage's own."""
 
 ORIENT = "xformOp:orient"
 TRANSLATE = "xformOp:translate:dist"
 ORIENT_BACK = "xformOp:orient:back"
+ROTATE_DOME = "xformOp:rotateX:orientToStageUpAxis"
 OP_ORDER = "xformOpOrder"
 SHARPNESS, AMPLITUDE, FORM = "asg:sharpness", "asg:amplitude", "asg:form"
 WIDTH, HEIGHT, ANGLE = "inputs:width", "inputs:height", "inputs:angle"
@@ -45,6 +49,7 @@ VALUE_TYPES = {
     ORIENT: Sdf.ValueTypeNames.Quatf,
     ORIENT_BACK: Sdf.ValueTypeNames.Quatf,
     TRANSLATE: Sdf.ValueTypeNames.Double3,
+    ROTATE_DOME: Sdf.ValueTypeNames.Float,
     OP_ORDER: Sdf.ValueTypeNames.TokenArray,
     SHARPNESS: Sdf.ValueTypeNames.Float2,
     AMPLITUDE: Sdf.ValueTypeNames.Color3f,

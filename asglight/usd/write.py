@@ -10,6 +10,7 @@ from asglight.usd import dome, layer, staging
 from asglight.usd.checks import check_target, check_tracks
 from asglight.usd.lint import lint_stage
 from asglight.usd.schema import Representation
+from asglight.usd.spaces import UP_AXES, Space
 from asglight.usd.staging import WriteReport
 
 
@@ -21,6 +22,7 @@ def write_usd(
     distance: float = 1000.0,
     dome_height: int = dome.HEIGHT,
     meters_per_unit: float = 1.0,
+    up_axis: str = "Y",
 ) -> WriteReport:
     """Write tracks as one stage that holds cards, distant lights and a dome as variants.
 
@@ -34,6 +36,7 @@ def write_usd(
         distance: Of the cards from the origin, in stage units.
         dome_height: Rows of the dome's images; there are twice as many columns.
         meters_per_unit: Length of a stage unit.
+        up_axis: Of the stage: `Y` or `Z`. `read_usd` turns the lobes back to +Y up.
 
     Returns:
         Files and sample counts.
@@ -43,7 +46,7 @@ def write_usd(
             written there.
     """
     path = Path(path)
-    _check_options(representation, distance, dome_height, meters_per_unit)
+    _check_options(representation, distance, dome_height, meters_per_unit, up_axis)
     check_tracks(tracks)
     check_target(path)
     with staging.staged(path) as place:
@@ -53,6 +56,7 @@ def write_usd(
             distance,
             meters_per_unit,
             staging.relative_names(textures),
+            Space(up_axis),
         )
         built, author = layer.build(tracks, placement)
         staging.export(built, place)
@@ -63,7 +67,7 @@ def write_usd(
 
 
 def _check_options(
-    representation: str, distance: float, dome_height: int, meters_per_unit: float
+    representation: str, distance: float, dome_height: int, meters_per_unit: float, up_axis: str
 ) -> None:
     if representation not in set(Representation):
         known = ", ".join(Representation)
@@ -73,3 +77,5 @@ def _check_options(
             raise InputError(f"{name}: {value}; expected a finite number above 0.")
     if dome_height < 2:
         raise InputError(f"dome_height: {dome_height}; expected 2 rows or more.")
+    if up_axis not in UP_AXES:
+        raise InputError(f"up_axis: {up_axis!r}; expected one of {', '.join(UP_AXES)}.")

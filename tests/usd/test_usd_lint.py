@@ -94,7 +94,7 @@ def no_light(layer: Sdf.Layer) -> None:
 
 BREAKS = {
     "default prim": (clear("defaultPrim"), r"^/: defaultPrim is ''; expected AsgRig$"),
-    "up axis": (clear("upAxis"), "^/: upAxis is 'Y'; expected an explicit Y$"),
+    "up axis": (clear("upAxis"), "^/: upAxis is 'Y'; expected an explicit Y, as the lobes have$"),
     "z up": (lambda la: la.pseudoRoot.SetInfo("upAxis", "Z"), "^/: upAxis is 'Z'; expected"),
     "unit": (clear("metersPerUnit"), "^/: metersPerUnit is not authored"),
     "frame rate": (

@@ -5,38 +5,13 @@ import json
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pxr import Sdf, Usd
-from usd_tracks import METADATA, edited, moving, still
+from usd_tracks import METADATA, assert_same, edited, moving, still
 
 from asglight.lobes import Form, LobeTracks
 from asglight.usd import read_usd, write_usd
-
-
-def precision(tracks: LobeTracks) -> np.ndarray:
-    """Return sx x x^T + sy y y^T, relative to its largest entry; equal frames give the same."""
-    axes, sharpness = tracks.lobes.axes.double(), tracks.lobes.sharpness.double()
-    matrix = torch.einsum("fnk,fnki,fnkj->fnij", sharpness, axes[..., :2, :], axes[..., :2, :])
-    return (matrix / sharpness.amax(-1)[..., None, None]).numpy()
-
-
-def assert_same(back: LobeTracks, tracks: LobeTracks) -> None:
-    assert back.frames == tracks.frames
-    assert back.fps == tracks.fps
-    assert back.lobes.form is tracks.lobes.form
-    assert back.metadata == tracks.metadata
-    np.testing.assert_allclose(back.lobes.amplitude, tracks.lobes.amplitude, rtol=1.1e-6)
-    np.testing.assert_allclose(
-        back.lobes.sharpness.sort(-1).values, tracks.lobes.sharpness.sort(-1).values, rtol=1.1e-6
-    )
-    axis_z, wanted = back.lobes.axis_z.double(), tracks.lobes.axis_z.double()
-    if tracks.lobes.form is Form.BINGHAM:
-        axis_z = axis_z * (axis_z * wanted).sum(-1, keepdim=True).sign()
-    np.testing.assert_allclose(axis_z, wanted, atol=1e-6)
-    if tracks.lobes.form is not Form.SG:  # an sg has no x and y of its own
-        np.testing.assert_allclose(precision(back), precision(tracks), atol=2e-6)
 
 
 @pytest.mark.parametrize("form", Form)

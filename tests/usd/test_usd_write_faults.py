@@ -67,6 +67,7 @@ def test_a_folder_without_permission_is_named():
         ({"distance": 0.0}, "distance: 0.0; expected a finite number above 0"),
         ({"distance": math.inf}, "distance: inf; expected a finite number above 0"),
         ({"meters_per_unit": -1.0}, "meters_per_unit: -1.0; expected a finite number above 0"),
+        ({"up_axis": "X"}, "up_axis: 'X'; expected one of Y, Z"),
         ({"dome_height": 1}, "dome_height: 1; expected 2 rows or more"),
     ],
 )
