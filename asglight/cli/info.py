@@ -77,7 +77,7 @@ def lobe_rows(tracks: LobeTracks) -> list[dict[str, Any]]:
         x, y, z = mean.tolist()
         rows.append(
             {
-                "lobe": f"lobe_{index:02d}",
+                "lobe": tracks.names[index],
                 "longitude_deg": math.degrees(math.atan2(x, z)),
                 "latitude_deg": math.degrees(math.asin(max(-1.0, min(1.0, y)))),
                 "direction": [x, y, z],

@@ -8,6 +8,7 @@ import OpenEXR
 from torch import Tensor
 
 from asglight.errors import InputError
+from asglight.images.colour import Chromaticities
 from asglight.images.message import compressed, shown
 from asglight.images.output import written_beside
 
@@ -19,7 +20,12 @@ COMPRESSIONS = (
 
 
 def write_exr(
-    path: str | Path, radiance: Tensor, *, half: bool = True, compression: str = "zip"
+    path: str | Path,
+    radiance: Tensor,
+    *,
+    half: bool = True,
+    compression: str = "zip",
+    chromaticities: Chromaticities | None = None,
 ) -> None:
     """Write a latlong as a scanline OpenEXR file of R, G, B, marked as a latlong map.
 
@@ -29,9 +35,10 @@ def write_exr(
 
     Args:
         path: The target; its folder must exist.
-        radiance: Linear Rec.709.  [H, W, 3]
+        radiance: Linear.  [H, W, 3]
         half: Write 16-bit floats where the values fit.
         compression: One of `COMPRESSIONS`, named as in OpenEXR.
+        chromaticities: Primaries and white that the file states; None for Rec.709.
 
     Raises:
         InputError: The file cannot be written there.
@@ -49,14 +56,16 @@ def write_exr(
     pixels = values.numpy().astype(np.float16 if half and fits else np.float32, order="C")
     with written_beside(path) as place:
         try:
-            OpenEXR.File(_header(compression), {"RGB": pixels}).write(str(place))
+            OpenEXR.File(_header(compression, chromaticities), {"RGB": pixels}).write(str(place))
         except RuntimeError as error:
             raise OSError(None, compressed(str(error))) from error
 
 
-def _header(compression: str) -> dict[str, object]:
+def _header(compression: str, chromaticities: Chromaticities | None) -> dict[str, object]:
     name = "NO" if compression == "none" else compression.upper()
+    stated = {} if chromaticities is None else {"chromaticities": chromaticities}
     return {
+        **stated,
         "type": OpenEXR.scanlineimage,
         "compression": getattr(OpenEXR, f"{name}_COMPRESSION"),
         "envmap": OpenEXR.ENVMAP_LATLONG,

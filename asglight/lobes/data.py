@@ -121,6 +121,17 @@ def stack(frames: list[Lobes]) -> Lobes:
     )
 
 
+def lobe_names(count: int, first: int = 0) -> tuple[str, ...]:
+    """Return `lobe_00`, `lobe_01`, ..., of equal length so that they sort in order.
+
+    Args:
+        count: How many.
+        first: Number of the first.
+    """
+    digits = max(2, len(str(first + count - 1)))
+    return tuple(f"lobe_{index:0{digits}d}" for index in range(first, first + count))
+
+
 @dataclass(frozen=True)
 class LobeTracks:
     """N lobes followed over F frames.
@@ -130,15 +141,20 @@ class LobeTracks:
         fps: Frames per second.
         lobes: The lobes of every frame.  [F, N, .]
         metadata: What made them: version, preset, options, source, errors. JSON values only.
+        names: What each lobe is called, for good: lights are linked by name. None are `lobe_00`,
+            `lobe_01` and so on.  N
     """
 
     frames: tuple[int, ...]
     fps: float
     lobes: Lobes
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check that frames and lobes agree."""
+        """Name the lobes where nobody did; check that frames, lobes and names agree."""
+        if not self.names:
+            object.__setattr__(self, "names", lobe_names(self.lobes.count))
         if self.lobes.axes.ndim != 4 or len(self.frames) != self.lobes.axes.shape[0]:
             raise ValueError(
                 f"frames: {len(self.frames)} frame numbers for lobes of shape "
@@ -146,6 +162,8 @@ class LobeTracks:
             )
         if any(b <= a for a, b in itertools.pairwise(self.frames)):
             raise ValueError("frames: not ascending")
+        if len(self.names) != self.lobes.count or len(set(self.names)) != len(self.names):
+            raise ValueError(f"names: {self.names} for {self.lobes.count} lobes; expected one each")
 
     def at(self, frame: int) -> Lobes:
         """Return the lobes of one frame.  [N, .].

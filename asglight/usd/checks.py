@@ -3,6 +3,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -11,8 +12,6 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import Lobes
-
-FILE_FORMATS = {".usda": "usda", ".usdc": "usdc", ".usd": "usdc"}
 
 FRAME_ERROR_MAX = 1e-4
 """Largest entry of A A^T - I in the axes A: a thousand float32 roundings; more is not a frame."""
@@ -25,16 +24,18 @@ AMPLITUDE_MAX = 1e37
 """Intensities, at most 4 pi times as large, stay finite in float32."""
 
 
-def check_target(path: Path) -> None:
+def check_target(path: Path, suffixes: Sequence[str]) -> None:
     """Check that a stage can be written at a path.
+
+    Args:
+        path: The target.
+        suffixes: Extensions that it may have.
 
     Raises:
         InputError: The name or the folder is no place for a stage.
     """
-    if path.suffix.lower() not in FILE_FORMATS:
-        raise InputError(
-            f"{shown(path)}: extension {path.suffix!r}; expected .usda, .usdc or .usd."
-        )
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{shown(path)}: extension {path.suffix!r}; expected {one_of(suffixes)}.")
     if not path.name.isprintable():
         raise InputError(f"{shown(path)}: control characters in the name; expected none.")
     if not path.parent.is_dir():
@@ -44,6 +45,12 @@ def check_target(path: Path) -> None:
         )
     if path.is_dir():
         raise InputError(f"{shown(path)}: is a folder; expected a file to write.")
+
+
+def one_of(words: Sequence[str]) -> str:
+    """Return words as a choice: `a, b or c`."""
+    *others, last = words
+    return f"{', '.join(others)} or {last}"
 
 
 def check_tracks(tracks: LobeTracks) -> None:
@@ -67,6 +74,11 @@ def check_tracks(tracks: LobeTracks) -> None:
     _check_lobes(tracks, "amplitude", bright, lobes.amplitude, f"from 0 to {AMPLITUDE_MAX:g}")
     orthonormal = _frame_error(lobes) <= FRAME_ERROR_MAX
     _check_lobes(tracks, "axes", orthonormal, lobes.axes, "that form a right-handed frame")
+    if not all(name.isidentifier() for name in tracks.names):
+        raise InputError(
+            f"tracks: lobes are called {shown(', '.join(tracks.names))}; expected names of "
+            "letters, digits and _ that begin with no digit."
+        )
     try:
         json.dumps(dict(tracks.metadata), allow_nan=False)
     except (TypeError, ValueError) as error:

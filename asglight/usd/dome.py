@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dome: one latlong EXR a frame, of all lobes together."""
 
+from dataclasses import replace
 from pathlib import Path
 
-from asglight.images import write_exr
+from asglight.images import ocio, write_exr
 from asglight.lobes import LobeTracks, texels
 from asglight.lobes.data import Lobes
-
-HEIGHT = 128
-"""Rows of the images where nothing else is asked for: texels of 1.4 degrees."""
+from asglight.usd.spaces import Space, to_stage
 
 
-def write_textures(tracks: LobeTracks, folder: Path, stem: str, height: int) -> list[Path]:
+def write_textures(
+    tracks: LobeTracks, folder: Path, stem: str, height: int, space: Space
+) -> list[Path]:
     """Write the dome's images; tracks that never change get one.
 
     Args:
@@ -19,6 +20,7 @@ def write_textures(tracks: LobeTracks, folder: Path, stem: str, height: int) -> 
         folder: An existing folder.
         stem: Files are named `<stem>.<frame>.exr`.
         height: Rows; there are twice as many columns.
+        space: Of the stage's colours, which the images' headers state too.
 
     Returns:
         The files: one for each frame, or one.
@@ -28,8 +30,12 @@ def write_textures(tracks: LobeTracks, folder: Path, stem: str, height: int) -> 
     """
     count = 1 if is_static(tracks.lobes) else len(tracks.frames)
     paths = [folder / f"{stem}.{frame:04d}.exr" for frame in tracks.frames[:count]]
+    colors = replace(space, up_axis="Y")  # the pole of a dome is +Y, whatever is up
+    chromaticities = ocio.chromaticities(space.colorspace)
     for index, path in enumerate(paths):
-        write_exr(path, texels.texel_means(tracks.lobes[index].to("cpu"), height, 2 * height))
+        lobes = to_stage(tracks.lobes[index].to("cpu"), colors)
+        radiance = texels.texel_means(lobes, height, 2 * height)
+        write_exr(path, radiance, chromaticities=chromaticities)
     return paths
 
 

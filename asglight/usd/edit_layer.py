@@ -16,23 +16,27 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pxr import Sdf, Usd
+from pxr import Ar, Sdf, Usd
 from torch import Tensor
 
 from asglight.errors import InputError
-from asglight.images.latlong_image import read_header
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import Form
-from asglight.usd import cards, distant, dome, layer, samples, schema, staging
+from asglight.usd import cards, distant, layer, samples, schema, staging
 from asglight.usd.authoring import TrackAuthor
 from asglight.usd.checks import check_target, check_tracks
 from asglight.usd.lint import lint_stage
+from asglight.usd.options import STAGE_SUFFIXES
 from asglight.usd.read import read_usd
+from asglight.usd.read_options import dome_images, options_of
 from asglight.usd.schema import Representation
-from asglight.usd.spaces import space_of, to_stage
-from asglight.usd.stage import find_rig, lobe_prims, numbers, open_stage
+from asglight.usd.spaces import space_for, to_stage
+from asglight.usd.stage import lobe_prims, numbers, open_rig
 from asglight.usd.staging import WriteReport
+
+LAYER_SUFFIXES = tuple(suffix for suffix in STAGE_SUFFIXES if suffix != ".usdz")
+"""A package would have to hold the stage that the layer lies over."""
 
 STAGE_KEYS = (
     "defaultPrim",
@@ -78,6 +82,8 @@ class _Source:
         stage: Its composition; which representation it shows changes as it is read.
         rig: The prim that holds the lobes.
         tracks: Its lobes.
+        options: How it was written.
+        images: Those of its dome that are there, as USD resolves them.
     """
 
     def __init__(self, path: Path) -> None:
@@ -88,11 +94,10 @@ class _Source:
         """
         self.path = path
         self.tracks = read_usd(path)
-        self.stage = open_stage(path)
-        rig = find_rig(self.stage)
-        assert rig is not None, "read_usd reads no stage without one"
-        self.rig = rig
+        self.stage, self.rig = open_rig(path)
         self.stage.SetEditTarget(self.stage.GetSessionLayer())
+        self.options = options_of(self.rig)
+        self.images = dome_images(self.rig)
 
     def show(self, representation: Representation) -> None:
         """Select a variant, in memory only."""
@@ -111,32 +116,6 @@ class _Source:
         query = Usd.AttributeQuery(attribute)
         values = [query.Get(frame) for frame in self.tracks.frames]
         return None if None in values else numbers(values, kind)
-
-    def distance(self) -> float:
-        """Return how far the cards are from the origin.
-
-        Raises:
-            InputError: There are no cards.
-        """
-        self.show(Representation.CARDS)
-        for prim in Usd.PrimRange(self.rig):
-            offset = prim.GetAttribute(schema.TRANSLATE)
-            if offset and offset.Get() is not None:
-                return float(offset.Get()[2])
-        raise InputError(
-            f"{shown(self.path)}: no {schema.TRANSLATE} on a card; expected a stage that asglight "
-            "wrote. Write it anew."
-        )
-
-    def textures(self) -> list[Path]:
-        """Return the dome's images that are there."""
-        self.show(Representation.DOME)
-        attribute = self.rig.GetPrimAtPath(schema.DOME).GetAttribute(schema.TEXTURE)
-        if not attribute:
-            return []
-        codes = [Usd.TimeCode.Default(), *map(Usd.TimeCode, attribute.GetTimeSamples())]
-        assets = [attribute.Get(code) for code in codes]
-        return [Path(asset.resolvedPath) for asset in assets if asset and asset.resolvedPath]
 
 
 def write_edit_layer(
@@ -163,13 +142,14 @@ def write_edit_layer(
     """
     path = Path(path)
     check_tracks(tracks)
-    check_target(path)
+    check_target(path, LAYER_SUFFIXES)
     below = _Source(Path(source))
     _check_same(below, tracks, edited)
     _check_apart(path, below)
     differing = [track for track in _tracks(below, tracks, edited) if _differs(below, track)]
     with staging.staged(path) as place:
-        textures = staging.write_dome(tracks, place, _dome_height(below)) if differing else []
+        height, space = below.options.dome_height, space_for(below.options)
+        textures = staging.write_dome(tracks, place, height, space) if differing else []
         built, author = _build(below, tracks, differing, staging.relative_names(textures))
         built.subLayerPaths = [_reference(below.path, place.parent)]
         staging.export(built, place)
@@ -183,13 +163,13 @@ def _tracks(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> Iter
     """Yield the attributes of the edited lobes and of their lights."""
     chosen = sorted(edited)
     lobes = tracks.lobes.select(torch.tensor(chosen, dtype=torch.long))
-    lobes = layer.continuous(to_stage(lobes, space_of(below.rig)))
+    lobes = layer.continuous(to_stage(lobes, space_for(below.options)))
     names = [prim.GetName() for prim in lobe_prims(below.rig)]
     scope = below.rig.GetPath().AppendChild(schema.LOBES)
     own = [scope.AppendChild(names[index]) for index in chosen]
     yield from _of_lobes([[path] for path in own], None, layer.lobe_tracks(lobes))
     lights: Mapping[Representation, Mapping[str, Tensor]] = {
-        Representation.CARDS: cards.values(lobes, below.distance()),
+        Representation.CARDS: cards.values(lobes, below.options.card_distance),
         Representation.DISTANT: distant.values(lobes),
     }
     for representation, values in lights.items():
@@ -261,14 +241,6 @@ def _reference(source: Path, folder: Path) -> str:
     return relative if relative.startswith("../") else f"./{relative}"
 
 
-def _dome_height(below: _Source) -> int:
-    """Return the rows of the stage's own images; a stage copied without them gets the default."""
-    try:
-        return next((read_header(image).height for image in below.textures()), dome.HEIGHT)
-    except InputError:
-        return dome.HEIGHT
-
-
 def _check_findings(below: _Source, place: Path) -> None:
     """Raise if the layer breaks the contract where the stage below it does not."""
     findings = lint_stage(place)
@@ -306,7 +278,8 @@ def _check_apart(path: Path, below: _Source) -> None:
     target = path.resolve()
     layers = [Path(used.realPath) for used in below.stage.GetUsedLayers() if used.realPath]
     owners = {staging.dome_folder(used.resolve()): used for used in layers}
-    owners |= {image.resolve().parent: below.path for image in below.textures()}
+    images = [image for image in below.images if not Ar.IsPackageRelativePath(image)]
+    owners |= {Path(image).resolve().parent: below.path for image in images}
     same = [used for used in layers if path.exists() and path.samefile(used)]
     owner = owners.get(staging.dome_folder(target), same[0] if same else None)
     if owner is not None:

@@ -7,7 +7,8 @@ representation turns with it and a reader needs none of them. Lights are derived
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,9 @@ from asglight.lobes import LobeTracks, frames
 from asglight.lobes.data import Form, Lobes
 from asglight.usd import cards, distant, schema
 from asglight.usd.authoring import TrackAuthor, constant
+from asglight.usd.options import StageOptions
 from asglight.usd.schema import Representation
-from asglight.usd.spaces import Space, to_stage
+from asglight.usd.spaces import Space, space_for, to_stage
 
 LOBE_TOLERANCE = 1e-6
 """Relative. A lobe comes back to float32 rounding, about ten units in the last place."""
@@ -33,51 +35,41 @@ FLIP = Gf.Quatf(0, 1, 0, 0)
 """Half a turn about x: from the front of a bingham lobe to its back."""
 
 
-@dataclass(frozen=True)
-class Placement:
-    """Where the stage stands and what it shows.
-
-    Attributes:
-        representation: The variant that is selected.
-        distance: Of the cards from the origin, in stage units.
-        meters_per_unit: Length of a stage unit.
-        textures: Dome images relative to the layer: one for each frame, or one for all.
-        space: Of the stage's numbers.
-    """
-
-    representation: Representation
-    distance: float
-    meters_per_unit: float
-    textures: Sequence[str]
-    space: Space = field(default_factory=Space)
-
-
-def build(tracks: LobeTracks, placement: Placement) -> tuple[Sdf.Layer, TrackAuthor]:
+def build(
+    tracks: LobeTracks, options: StageOptions, textures: Sequence[str], name: str
+) -> tuple[Sdf.Layer, TrackAuthor]:
     """Author the whole stage.
+
+    Args:
+        tracks: Lobes of all frames.
+        options: What the stage shows, and where.
+        textures: Dome images relative to the layer: one for each frame, or one for all.
+        name: Of the layer's file.
 
     Returns:
         An anonymous layer, and the author with its sample counts.
     """
     layer = Sdf.Layer.CreateAnonymous(".usda")
     author = TrackAuthor(tracks.frames)
-    lobes = continuous(to_stage(tracks.lobes, placement.space))
+    space = space_for(options)
+    lobes = continuous(to_stage(tracks.lobes, space))
     with Sdf.ChangeBlock():
-        _author_stage_metadata(layer, tracks, placement)
-        rig = Sdf.PrimSpec(layer, schema.RIG, Sdf.SpecifierDef, "Xform")
-        rig.SetInfo("customData", {schema.CUSTOM_DATA: _custom_data(tracks, placement.space)})
+        rig = _author_rig(layer, options.primary_path)
+        _author_stage_metadata(layer, tracks, options)
+        rig.SetInfo("customData", {schema.CUSTOM_DATA: _custom_data(tracks, options)})
+        _author_asset(rig, space, name)
         rig.SetInfo("variantSetNames", Sdf.StringListOp.Create(prependedItems=[schema.VARIANT_SET]))
-        rig.variantSelections[schema.VARIANT_SET] = str(placement.representation)
-        _author_lobes(author, rig, lobes)
+        rig.variantSelections[schema.VARIANT_SET] = str(options.representation)
+        _author_lobes(author, rig, tracks.names, lobes)
         variants = Sdf.VariantSetSpec(rig, schema.VARIANT_SET)
         in_cards, in_distant, in_dome = (
-            Sdf.VariantSpec(variants, str(representation)).primSpec
+            _lobes_in_variant(Sdf.VariantSpec(variants, str(representation)).primSpec, tracks.names)
             for representation in Representation
         )
-        card_values = cards.values(lobes, placement.distance)
-        offset = Gf.Vec3d(0, 0, placement.distance)
-        _author_cards(author, in_cards, lobes.form, card_values, offset)
+        offset = Gf.Vec3d(0, 0, options.card_distance)
+        _author_cards(author, in_cards, lobes.form, cards.values(lobes, offset[2]), offset)
         _author_distants(author, in_distant, lobes.form, distant.values(lobes))
-        _author_dome(author, in_dome, lobes.count, placement)
+        _author_dome(author, in_dome, textures, space)
     return layer, author
 
 
@@ -119,23 +111,41 @@ def metadata_text(tracks: LobeTracks) -> str:
     return json.dumps(dict(tracks.metadata), allow_nan=False, ensure_ascii=False)
 
 
-def _author_stage_metadata(layer: Sdf.Layer, tracks: LobeTracks, placement: Placement) -> None:
-    layer.defaultPrim = schema.RIG
-    layer.pseudoRoot.SetInfo(schema.UP_AXIS, placement.space.up_axis)
-    layer.pseudoRoot.SetInfo("metersPerUnit", placement.meters_per_unit)
+def _author_rig(layer: Sdf.Layer, path: str) -> Sdf.PrimSpec:
+    """Define the rig, and an Xform for each prim above it."""
+    rig = Sdf.CreatePrimInLayer(layer, path)
+    for prefix in rig.path.GetPrefixes():
+        prim = layer.GetPrimAtPath(prefix)
+        prim.specifier, prim.typeName = Sdf.SpecifierDef, "Xform"
+    return rig
+
+
+def _author_stage_metadata(layer: Sdf.Layer, tracks: LobeTracks, options: StageOptions) -> None:
+    layer.defaultPrim = layer.rootPrims[0].name
+    layer.pseudoRoot.SetInfo(schema.UP_AXIS, options.up_axis)
+    layer.pseudoRoot.SetInfo("metersPerUnit", options.meters_per_unit)
     layer.timeCodesPerSecond = layer.framesPerSecond = tracks.fps
     layer.startTimeCode = tracks.frames[0]
     layer.endTimeCode = tracks.frames[-1]
 
 
-def _custom_data(tracks: LobeTracks, space: Space) -> dict[str, Any]:
+def _author_asset(rig: Sdf.PrimSpec, space: Space, name: str) -> None:
+    """Say which asset the rig is, and what the colours of everything below it mean."""
+    identifier = Sdf.AssetPath(f"./{name}")
+    rig.SetInfo("assetInfo", {"identifier": identifier, "name": PurePath(name).stem})
+    rig.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=[schema.COLORSPACE_API]))
+    constant(rig, schema.COLORSPACE, space.colorspace)
+
+
+def _custom_data(tracks: LobeTracks, options: StageOptions) -> dict[str, Any]:
     """Return the rig's custom data.
 
     The frames are listed only where some are missing between the first and the last.
     """
     data: dict[str, Any] = {
         "version": schema.FORMAT_VERSION,
-        schema.UP_AXIS: space.up_axis,
+        schema.UP_AXIS: options.up_axis,
+        schema.DISTANCE: options.card_distance,
         "metadata": metadata_text(tracks),
     }
     first, last = tracks.frames[0], tracks.frames[-1]
@@ -144,10 +154,12 @@ def _custom_data(tracks: LobeTracks, space: Space) -> dict[str, Any]:
     return data
 
 
-def _author_lobes(author: TrackAuthor, rig: Sdf.PrimSpec, lobes: Lobes) -> None:
+def _author_lobes(
+    author: TrackAuthor, rig: Sdf.PrimSpec, names: Sequence[str], lobes: Lobes
+) -> None:
     scope = Sdf.PrimSpec(rig, schema.LOBES, Sdf.SpecifierDef, "Scope")
     tracks = lobe_tracks(lobes)
-    for index, name in enumerate(schema.lobe_names(lobes.count)):
+    for index, name in enumerate(names):
         lobe = Sdf.PrimSpec(scope, name, Sdf.SpecifierDef)
         lobe.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=[schema.LOBE_API]))
         constant(lobe, schema.FORM, str(lobes.form))
@@ -157,13 +169,12 @@ def _author_lobes(author: TrackAuthor, rig: Sdf.PrimSpec, lobes: Lobes) -> None:
 
 def _author_cards(
     author: TrackAuthor,
-    variant: Sdf.PrimSpec,
+    lobes: Sequence[Sdf.PrimSpec],
     form: Form,
     values: Mapping[str, Tensor],
     offset: Gf.Vec3d,
 ) -> None:
-    count = values[schema.WIDTH].shape[1]
-    for index, lobe in enumerate(_override_lobes(variant, count)):
+    for index, lobe in enumerate(lobes):
         for light, ops in _lights(lobe, form, "RectLight"):
             constant(light, schema.TRANSLATE, offset)
             constant(light, schema.OP_ORDER, [*ops, schema.TRANSLATE])
@@ -173,10 +184,12 @@ def _author_cards(
 
 
 def _author_distants(
-    author: TrackAuthor, variant: Sdf.PrimSpec, form: Form, values: Mapping[str, Tensor]
+    author: TrackAuthor,
+    lobes: Sequence[Sdf.PrimSpec],
+    form: Form,
+    values: Mapping[str, Tensor],
 ) -> None:
-    count = values[schema.ANGLE].shape[1]
-    for index, lobe in enumerate(_override_lobes(variant, count)):
+    for index, lobe in enumerate(lobes):
         for light, ops in _lights(lobe, form, "DistantLight"):
             constant(light, schema.OP_ORDER, ops)
             constant(light, schema.NORMALIZE, True)
@@ -185,24 +198,25 @@ def _author_distants(
 
 
 def _author_dome(
-    author: TrackAuthor, variant: Sdf.PrimSpec, count: int, placement: Placement
+    author: TrackAuthor, lobes: Sequence[Sdf.PrimSpec], textures: Sequence[str], space: Space
 ) -> None:
-    for lobe in _override_lobes(variant, count):
+    variant = lobes[0].nameParent.nameParent
+    for lobe in lobes:
         lobe.typeName = "Xform"
         constant(lobe, schema.OP_ORDER, [schema.ORIENT])
     dome = Sdf.PrimSpec(variant, schema.DOME, Sdf.SpecifierDef, "DomeLight")
     constant(dome, schema.INTENSITY, 1.0)
     constant(dome, schema.COLOR, Gf.Vec3f(1))
     constant(dome, schema.TEXTURE_FORMAT, "latlong")
-    author_textures(author, dome, placement.textures)
-    if placement.space.up_axis == "Z":  # a DomeLight has its pole at +Y, whatever is up
+    author_textures(author, dome, textures)
+    if space.up_axis == "Z":  # a DomeLight has its pole at +Y, whatever is up
         constant(dome, schema.ROTATE_DOME, 90.0)
         constant(dome, schema.OP_ORDER, [schema.ROTATE_DOME])
 
 
-def _override_lobes(variant: Sdf.PrimSpec, count: int) -> list[Sdf.PrimSpec]:
+def _lobes_in_variant(variant: Sdf.PrimSpec, names: Sequence[str]) -> list[Sdf.PrimSpec]:
     scope = Sdf.PrimSpec(variant, schema.LOBES, Sdf.SpecifierOver)
-    return [Sdf.PrimSpec(scope, name, Sdf.SpecifierOver) for name in schema.lobe_names(count)]
+    return [Sdf.PrimSpec(scope, name, Sdf.SpecifierOver) for name in names]
 
 
 def _lights(lobe: Sdf.PrimSpec, form: Form, type_name: str) -> list[tuple[Sdf.PrimSpec, list[str]]]:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, UsdLux
+from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux
 
 from asglight.usd import schema
 from asglight.usd.schema import Representation
@@ -74,8 +74,9 @@ def lint_stage(path: str | Path) -> list[str]:
 
 def _stage_findings(stage: Usd.Stage, rig: Usd.Prim | None) -> Iterator[str]:
     root = stage.GetRootLayer()
-    if root.defaultPrim != schema.RIG:
-        yield f"/: defaultPrim is {root.defaultPrim!r}; expected {schema.RIG}"
+    wanted = rig.GetPath().GetPrefixes()[0].name if rig else schema.RIG
+    if root.defaultPrim != wanted:
+        yield f"/: defaultPrim is {root.defaultPrim!r}; expected {wanted}"
     up_axis = (space_of(rig) if rig else Space()).up_axis
     if not stage.HasAuthoredMetadata(schema.UP_AXIS) or UsdGeom.GetStageUpAxis(stage) != up_axis:
         found = stage.GetMetadata(schema.UP_AXIS)
@@ -167,8 +168,16 @@ def _asset_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[st
         at = "" if code.IsDefault() else f" at frame {code.GetValue():g}"
         if Path(asset.path).is_absolute() or not asset.path.startswith("."):
             yield f"is {asset.path}{at}; expected a path relative to the stage"
-        elif not Path(asset.resolvedPath or "missing").is_file():
+        elif not _is_there(asset):
             yield f"is {asset.path}{at}, which is not there; expected an image"
+
+
+def _is_there(asset: Sdf.AssetPath) -> bool:
+    # within a package USD resolves only what the package holds
+    return (
+        Ar.IsPackageRelativePath(asset.resolvedPath)
+        or Path(asset.resolvedPath or "missing").is_file()
+    )
 
 
 def _number_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[str]:

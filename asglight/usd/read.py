@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd
 
 from asglight.errors import InputError
+from asglight.images import ocio
 from asglight.images.message import shown
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.usd import schema
-from asglight.usd.spaces import from_stage, space_of
-from asglight.usd.stage import find_rig, lobe_prims, numbers, open_stage
+from asglight.usd.spaces import Space, from_stage, space_of
+from asglight.usd.stage import lobe_prims, numbers, open_rig, rig_data
 
 FRAMES_MAX = 1_000_000
 """Eleven hours at 24 frames a second. A range beyond it is damage, and would fill the memory."""
@@ -33,7 +34,7 @@ def read_usd(path: str | Path) -> LobeTracks:
     """Read the tracks of a stage that asglight wrote.
 
     Frames are all integers from startTimeCode to endTimeCode, or those that the rig lists. Lobes
-    come back with +Y up, whatever the stage has.
+    come back with +Y up and in Rec.709, whatever the stage has, under the names of their prims.
 
     Args:
         path: The stage.
@@ -44,21 +45,27 @@ def read_usd(path: str | Path) -> LobeTracks:
     Raises:
         InputError: There is no such stage, it holds no lobes, or a value is damaged.
     """
-    stage = open_stage(path)
-    rig = find_rig(stage)
-    prims = lobe_prims(rig) if rig else []
-    if rig is None or not prims:
-        _fail(path, f"no {schema.LOBE_API} prim under /{schema.RIG}/{schema.LOBES}", "lobes")
-    data = rig.GetCustomDataByKey(schema.CUSTOM_DATA)
-    version = data.get("version") if isinstance(data, dict) else data
+    stage, rig = open_rig(path)
+    prims = lobe_prims(rig)
+    data = rig_data(rig)
+    version = data.get("version")
     if not isinstance(version, int) or version > schema.FORMAT_VERSION:
         _fail(path, f"layout version {version}", f"a number up to {schema.FORMAT_VERSION}")
     fps = stage.GetTimeCodesPerSecond()
     if not (math.isfinite(fps) and fps > 0):
         _fail(path, f"{fps:g} time codes a second", "a rate above 0")
     times = _frame_numbers(path, stage, data)
-    lobes = from_stage(_lobes(path, prims, times), space_of(rig))
-    return LobeTracks(times, fps, lobes, _metadata(path, data))
+    lobes = from_stage(_lobes(path, prims, times), _space(path, rig))
+    names = tuple(prim.GetName() for prim in prims)
+    return LobeTracks(times, fps, lobes, _metadata(path, data), names)
+
+
+def _space(path: str | Path, rig: Usd.Prim) -> Space:
+    space = space_of(rig)
+    if space.colorspace not in ocio.NAMES:
+        place = f"{rig.GetPath()}.{schema.COLORSPACE}"
+        _fail(path, f"{place} is {space.colorspace}", f"one of {', '.join(ocio.NAMES)}")
+    return space
 
 
 def _lobes(path: str | Path, prims: list[Usd.Prim], times: tuple[int, ...]) -> Lobes:

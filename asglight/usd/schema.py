@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The words of the stage: prim paths, attribute names and their types.
 
-    /AsgRig                 Xform; variant set `representation`; custom data `asglight`
+    /AsgRig                 Xform; variant set `representation`; custom data `asglight`; or any
+                            other path, below Xforms
     /AsgRig/Lobes/lobe_NN   the lobe: AsgLobeAPI and xformOp:orient, outside the variants
         cards               RectLight at (0, 0, distance) of the lobe frame
         distant             DistantLight
@@ -12,10 +13,11 @@ A light shines along its local -Z. A lobe of the bingham form shines from two si
 `distant` its prim is an Xform that holds two lights, `front` (axis_z) and `back` (-axis_z).
 """
 
-from enum import StrEnum
 from pathlib import Path
 
 from pxr import Sdf
+
+from asglight.usd.options import Representation
 
 SCHEMA_FOLDER = Path(__file__).resolve().parent / "resources"
 """The codeless schema; USD finds it when PXR_PLUGINPATH_NAME names this folder."""
@@ -23,16 +25,16 @@ SCHEMA_FOLDER = Path(__file__).resolve().parent / "resources"
 FORMAT_VERSION = 1
 """Version of the stage layout, stored with the stage."""
 
-LOBE_API = "AsgLobeAPI"
+LOBE_API, COLORSPACE_API = "AsgLobeAPI", "ColorSpaceAPI"
 RIG, LOBES, DOME = "AsgRig", "Lobes", "Dome"
 SIDES = ("front", "back")
 VARIANT_SET = "representation"
 
 CUSTOM_DATA = "asglight"
-"""Key of the custom data on the rig: {int version, string upAxis, string metadata (JSON),
-int[] frames}."""
-UP_AXIS = "upAxis"
-"""Key of the axis there, and of the stage's own."""
+"""Key of the custom data on the rig: {int version, string upAxis, double distance,
+string metadata (JSON), int[] frames}."""
+UP_AXIS, DISTANCE = "upAxis", "distance"
+"""Keys there; the first is also that of the stage's own axis."""
 
 ORIENT = "xformOp:orient"
 TRANSLATE = "xformOp:translate:dist"
@@ -44,6 +46,7 @@ WIDTH, HEIGHT, ANGLE = "inputs:width", "inputs:height", "inputs:angle"
 INTENSITY, COLOR, NORMALIZE = "inputs:intensity", "inputs:color", "inputs:normalize"
 TEXTURE, TEXTURE_FORMAT = "inputs:texture:file", "inputs:texture:format"
 EXPOSURE = "inputs:exposure"
+COLORSPACE = "colorSpace:name"
 
 VALUE_TYPES = {
     ORIENT: Sdf.ValueTypeNames.Quatf,
@@ -54,6 +57,7 @@ VALUE_TYPES = {
     SHARPNESS: Sdf.ValueTypeNames.Float2,
     AMPLITUDE: Sdf.ValueTypeNames.Color3f,
     FORM: Sdf.ValueTypeNames.Token,
+    COLORSPACE: Sdf.ValueTypeNames.Token,
     WIDTH: Sdf.ValueTypeNames.Float,
     HEIGHT: Sdf.ValueTypeNames.Float,
     ANGLE: Sdf.ValueTypeNames.Float,
@@ -64,19 +68,8 @@ VALUE_TYPES = {
     TEXTURE_FORMAT: Sdf.ValueTypeNames.Token,
 }
 
-UNIFORM = frozenset({OP_ORDER, FORM})
+UNIFORM = frozenset({OP_ORDER, FORM, COLORSPACE})
 """Attributes that cannot change over time; UsdLux inputs are all varying."""
-
-
-class Representation(StrEnum):
-    """The three ways in which a stage shows the same lobes."""
-
-    CARDS = "cards"
-    """One rectangular area light a lobe, of its flux and second moments."""
-    DISTANT = "distant"
-    """One distant light a lobe, of its irradiance and second moment; for real-time engines."""
-    DOME = "dome"
-    """One dome light with an image of all lobes; exact to the texel."""
 
 
 LIGHT_TYPES = {
@@ -84,9 +77,3 @@ LIGHT_TYPES = {
     Representation.DISTANT: "DistantLight",
     Representation.DOME: "DomeLight",
 }
-
-
-def lobe_names(count: int) -> list[str]:
-    """Return `lobe_00`, `lobe_01`, ..., of equal length so that they sort in order."""
-    digits = max(2, len(str(count - 1)))
-    return [f"lobe_{index:0{digits}d}" for index in range(count)]

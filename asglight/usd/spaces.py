@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The space that a stage's numbers are in: which axis is up.
+"""The space that a stage's numbers are in: which axis is up, and what its colours mean.
 
 asglight has +Y up. In a stage with +Z up everything is turned by 90 degrees about X, which takes
 (x, y, z) to (x, -z, y), as `UsdLuxDomeLight::OrientToStageUpAxis` turns a dome's image. The rig
 remembers its axis itself, because USD does not compose the stage's from sublayers and references.
+
+asglight's radiance is linear Rec.709. Every space that a stage may have contains it, so amplitudes
+stay at or above 0; a light that was given a colour outside Rec.709 comes back with its nearest
+component at 0.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import torch
 from pxr import Usd
 
+from asglight.images import ocio
 from asglight.lobes.data import Lobes
 from asglight.usd import schema
-
-UP_AXES = ("Y", "Z")
+from asglight.usd.options import UP_AXES, StageOptions
+from asglight.usd.stage import rig_data
 
 
 @dataclass(frozen=True)
@@ -24,20 +28,29 @@ class Space:
 
     Attributes:
         up_axis: `Y` or `Z`.
+        colorspace: Color Interop ID of the colours.
     """
 
     up_axis: str = "Y"
+    colorspace: str = ocio.REC709
+
+
+def space_for(options: StageOptions) -> Space:
+    """Return the space that options ask for."""
+    return Space(options.up_axis, ocio.interop_id(options.colorspace))
 
 
 def space_of(rig: Usd.Prim) -> Space:
-    """Return the space that a rig was written in."""
-    data: Any = rig.GetCustomDataByKey(schema.CUSTOM_DATA)
-    up_axis = data.get(schema.UP_AXIS) if isinstance(data, dict) else None
-    return Space(up_axis if up_axis in UP_AXES else Space.up_axis)
+    """Return the space that a rig was written in; a colorspace may be one that nobody knows."""
+    up_axis = rig_data(rig).get(schema.UP_AXIS)
+    colorspace = rig.GetAttribute(schema.COLORSPACE)
+    named = colorspace.Get() if colorspace else None
+    return Space(up_axis if up_axis in UP_AXES else Space.up_axis, named or ocio.REC709)
 
 
 def to_stage(lobes: Lobes, space: Space) -> Lobes:
     """Return lobes as a stage holds them.  [..., N, .]."""
+    lobes = _in_colorspace(lobes, ocio.REC709, space.colorspace)
     if space.up_axis == "Y":
         return lobes
     x, y, z = lobes.axes.unbind(-1)
@@ -46,7 +59,16 @@ def to_stage(lobes: Lobes, space: Space) -> Lobes:
 
 def from_stage(lobes: Lobes, space: Space) -> Lobes:
     """Return lobes that a stage holds as asglight has them, undoing `to_stage`.  [..., N, .]."""
+    lobes = _in_colorspace(lobes, space.colorspace, ocio.REC709)
     if space.up_axis == "Y":
         return lobes
     x, y, z = lobes.axes.unbind(-1)
     return replace(lobes, axes=torch.stack([x, z, -y], dim=-1))
+
+
+def _in_colorspace(lobes: Lobes, source: str, target: str) -> Lobes:
+    if source == target:
+        return lobes
+    amplitude = lobes.amplitude.double() @ ocio.matrix(source, target).to(lobes.amplitude.device).T
+    # a component of 0 comes back as a rounding below it
+    return replace(lobes, amplitude=amplitude.clamp(min=0).to(lobes.amplitude.dtype))

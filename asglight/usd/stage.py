@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """A stage on disk: opened with one clear message where it cannot be, and its lobes found."""
 
+import itertools
+import tempfile
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Tf, Usd, Vt
+from pxr import Ar, Sdf, Tf, Usd, UsdLux, Vt
 
 from asglight.errors import InputError
+from asglight.images.latlong_image import read_header
 from asglight.images.message import shown
 from asglight.usd import schema
 from asglight.usd.faults import reason
@@ -39,8 +44,13 @@ def open_stage(path: str | Path) -> Usd.Stage:
 
 
 def find_rig(stage: Usd.Stage) -> Usd.Prim | None:
-    """Return the prim that holds the lobes' scope: the default prim, or /AsgRig."""
-    for prim in (stage.GetDefaultPrim(), stage.GetPrimAtPath(f"/{schema.RIG}")):
+    """Return the prim that holds the lobes' scope.
+
+    It is the default prim, /AsgRig, or else the first that asglight has marked as one.
+    """
+    marked = (prim for prim in stage.Traverse() if prim.GetCustomDataByKey(schema.CUSTOM_DATA))
+    usual = (stage.GetDefaultPrim(), stage.GetPrimAtPath(f"/{schema.RIG}"))
+    for prim in itertools.chain(usual, marked):
         scope = prim.GetChild(schema.LOBES) if prim else None
         if scope and scope.IsDefined():  # an override alone, as in a variant, defines nothing
             return prim
@@ -56,6 +66,36 @@ def representation_of(path: str | Path) -> str | None:
     stage = open_stage(path)  # kept: the rig dies with its stage
     rig = find_rig(stage)
     return rig.GetVariantSet(schema.VARIANT_SET).GetVariantSelection() or None if rig else None
+
+
+def open_rig(path: str | Path) -> tuple[Usd.Stage, Usd.Prim]:
+    """Open a stage and find its rig; keep the stage, for the rig dies with it.
+
+    Raises:
+        InputError: There is no such stage, or it holds no lobes.
+    """
+    stage = open_stage(path)
+    rig = find_rig(stage)
+    if rig is None or not lobe_prims(rig):
+        raise InputError(f"{shown(path)}: {_other_lights(stage)}")
+    return stage, rig
+
+
+def _other_lights(stage: Usd.Stage) -> str:
+    """Say what a stage without lobes holds instead, and what to do with it."""
+    kinds = Counter(prim.GetTypeName() for prim in stage.Traverse() if prim.HasAPI(UsdLux.LightAPI))
+    lights = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
+    found = f"holds {lights}, and no" if lights else "holds no"
+    return (
+        f"{found} {schema.LOBE_API} prim; expected the lobes of a stage that asglight wrote. "
+        "Fit the environment's images: asglight fit INPUT -o STAGE."
+    )
+
+
+def rig_data(rig: Usd.Prim) -> dict[str, Any]:
+    """Return the custom data of a rig; none where it is lost or something else."""
+    data = rig.GetCustomDataByKey(schema.CUSTOM_DATA)
+    return data if isinstance(data, dict) else {}
 
 
 def has_lobe_api(prim: Usd.Prim) -> bool:
@@ -78,6 +118,24 @@ def lobe_names_of(path: str | Path) -> list[str]:
     stage = open_stage(path)  # kept: the rig dies with its stage
     rig = find_rig(stage)
     return [prim.GetName() for prim in lobe_prims(rig)] if rig else []
+
+
+def image_height(resolved: str) -> int:
+    """Return the rows of an image of the dome, also of one within a package.
+
+    Args:
+        resolved: Its path as USD resolves it.
+
+    Raises:
+        InputError: It cannot be read.
+    """
+    if not Ar.IsPackageRelativePath(resolved):
+        return read_header(Path(resolved)).height
+    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(resolved))
+    with tempfile.TemporaryDirectory(prefix="asglight-") as folder:
+        copy = Path(folder) / "dome.exr"
+        copy.write_bytes(asset.GetBuffer() if asset else b"")
+        return read_header(copy).height
 
 
 def numbers(values: Iterable[object], kind: Sdf.ValueTypeName) -> NDArray[np.float64]:

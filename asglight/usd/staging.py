@@ -21,8 +21,8 @@ from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.usd import dome
 from asglight.usd.authoring import TrackAuthor
-from asglight.usd.checks import FILE_FORMATS
 from asglight.usd.faults import reason
+from asglight.usd.spaces import Space
 
 
 @dataclass(frozen=True)
@@ -73,13 +73,14 @@ def dome_folder(path: Path) -> Path:
     return path.parent / f"{path.stem}_dome"
 
 
-def write_dome(tracks: LobeTracks, place: Path, height: int) -> list[Path]:
+def write_dome(tracks: LobeTracks, place: Path, height: int, space: Space) -> list[Path]:
     """Write the dome's images beside a staged stage.
 
     Args:
         tracks: Lobes of all frames.
         place: The staged stage.
         height: Rows; there are twice as many columns.
+        space: Of the stage's colours.
 
     Returns:
         The files: one for each frame, or one.
@@ -90,7 +91,7 @@ def write_dome(tracks: LobeTracks, place: Path, height: int) -> list[Path]:
     folder = dome_folder(place)
     folder.mkdir()
     try:
-        return dome.write_textures(tracks, folder, place.stem, height)
+        return dome.write_textures(tracks, folder, place.stem, height, space)
     except InputError as error:  # names a file of the hidden folder, which nobody asked for
         raise InputError(
             str(error).replace(shown(place.parent), shown(place.parent.parent))
@@ -108,8 +109,26 @@ def export(layer: Sdf.Layer, place: Path) -> None:
     Raises:
         OSError: USD could not.
     """
-    if not layer.Export(str(place), args={"format": FILE_FORMATS[place.suffix.lower()]}):
+    kind = "usda" if place.suffix.lower() == ".usda" else "usdc"
+    if not layer.Export(str(place), args={"format": kind}):
         raise OSError(None, "USD could not save the layer")
+
+
+def root_layer(place: Path) -> Path:
+    """Return where the layer of a stage is written: a package's is a crate beside it."""
+    return place.with_suffix(".usdc") if place.suffix.lower() == ".usdz" else place
+
+
+def package(place: Path, files: Sequence[Path]) -> None:
+    """Put a stage and its images into one usdz file.
+
+    Args:
+        place: The package.
+        files: The stage's layer first, as a package asks for; all in or below one folder.
+    """
+    with Sdf.ZipFileWriter.CreateNew(str(place)) as writer:
+        for file in files:
+            writer.AddFile(str(file), file.relative_to(files[0].parent).as_posix())
 
 
 def move_into_place(

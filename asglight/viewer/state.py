@@ -12,7 +12,6 @@ import torch
 
 from asglight.errors import InputError
 from asglight.lobes import Lobes, LobeTracks, asg
-from asglight.usd.schema import lobe_names
 from asglight.viewer.balls import WHITE, Ball, Material, Rgb, ball_row
 from asglight.viewer.camera import Camera
 from asglight.viewer.display import (
@@ -222,9 +221,9 @@ class ViewerState:
         return self.history.tracks
 
     @property
-    def lobe_names(self) -> list[str]:
+    def lobe_names(self) -> tuple[str, ...]:
         """What the lobes are called, as in the stage."""
-        return lobe_names(self.tracks.lobes.count)
+        return self.tracks.names
 
     @property
     def lobes(self) -> Lobes:

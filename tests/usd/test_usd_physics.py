@@ -18,7 +18,7 @@ from usd_tracks import SHAPES, moving, still
 from asglight.lobes import Form, Lobes, LobeTracks, asg
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
-from asglight.usd import Representation, layer, write_usd
+from asglight.usd import StageOptions, layer, write_usd
 
 NODES = 300
 """Gauss-Legendre nodes an axis: the clamped cosine's kink costs 1e-4 of irradiance at most."""
@@ -100,8 +100,8 @@ def test_cards_carry_the_flux_of_the_lobes_at_every_frame(form, tmp_path):
 
 def test_frames_whose_samples_were_left_out_keep_their_flux(tmp_path):
     tracks = moving(range(1, 1201))
-    placement = layer.Placement(Representation.CARDS, 1000.0, 1.0, ["./sky.exr"])
-    built, author = layer.build(tracks, placement)
+
+    built, author = layer.build(tracks, StageOptions(), ["./sky.exr"], "shot.usdc")
     assert author.left_out > 0.3 * author.written
     built.Export(str(tmp_path / "shot.usdc"))
     stage = open_as(tmp_path / "shot.usdc", "cards")

@@ -55,7 +55,7 @@ def test_a_truncated_crate_is_named(tmp_path):
 def test_a_stage_without_lobes_is_named(tmp_path):
     path = tmp_path / "other.usda"
     Sdf.Layer.CreateAnonymous().Export(str(path))
-    assert "no AsgLobeAPI prim under /AsgRig/Lobes; expected lobes" in refused(path)
+    assert "holds no AsgLobeAPI prim; expected the lobes of a stage that asglight" in refused(path)
 
 
 def drop(name: str):
@@ -101,7 +101,7 @@ def block(layer: Sdf.Layer) -> None:
 
 NAN = float("nan")
 DAMAGES = {
-    "api": (no_api, "no AsgLobeAPI prim under /AsgRig/Lobes"),
+    "api": (no_api, "holds 3 RectLight, and no AsgLobeAPI prim; expected the lobes of a stage"),
     "missing": (drop("asg:amplitude"), f"{LOBE}.asg:amplitude is missing; expected type color3f"),
     "type": (retype, f"{LOBE}.asg:sharpness is of type double; expected type float2"),
     "blocked": (block, f"{LOBE}.asg:amplitude has no value at frame 1005"),

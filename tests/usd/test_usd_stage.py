@@ -12,7 +12,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdValidation
 from usd_tracks import contents, moving, still
 
 from asglight.lobes import Form
-from asglight.usd import Representation, layer, lint_stage, read_usd, write_usd
+from asglight.usd import Representation, StageOptions, layer, lint_stage, read_usd, write_usd
 
 
 @pytest.mark.parametrize("form", Form)
@@ -137,8 +137,7 @@ def test_a_long_shot_stays_small(jitter, megabytes, tmp_path):
     """
     tracks = moving(range(1000), lobes=15, jitter=jitter)
     textures = [f"./shot_dome/shot.{frame:04d}.exr" for frame in tracks.frames]
-    placement = layer.Placement(Representation.CARDS, 1000.0, 1.0, textures)
-    built, _ = layer.build(tracks, placement)
+    built, _ = layer.build(tracks, StageOptions(), textures, "shot.usdc")
     built.Export(str(tmp_path / "shot.usdc"))
     assert (tmp_path / "shot.usdc").stat().st_size < megabytes * 1e6
 

@@ -30,8 +30,8 @@ def refused(*arguments, **options) -> str:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("shot.abc", "extension '.abc'; expected .usda, .usdc or .usd"),
-        ("shot", "extension ''; expected .usda, .usdc or .usd"),
+        ("shot.abc", "extension '.abc'; expected .usda, .usdc, .usd or .usdz"),
+        ("shot", "extension ''; expected .usda, .usdc, .usd or .usdz"),
         ("no/shot.usda", "no folder"),
         ("a\nb.usda", "control characters in the name"),
     ],
@@ -63,12 +63,20 @@ def test_a_folder_without_permission_is_named():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"representation": "sphere"}, "representation: 'sphere'; expected one of cards, distant"),
-        ({"distance": 0.0}, "distance: 0.0; expected a finite number above 0"),
+        ({"representation": "sphere"}, "representation: sphere; expected one of cards, distant"),
+        ({"distance": 0.0}, "distance: 0; expected a finite number above 0"),
         ({"distance": math.inf}, "distance: inf; expected a finite number above 0"),
-        ({"meters_per_unit": -1.0}, "meters_per_unit: -1.0; expected a finite number above 0"),
-        ({"up_axis": "X"}, "up_axis: 'X'; expected one of Y, Z"),
-        ({"dome_height": 1}, "dome_height: 1; expected 2 rows or more"),
+        ({"meters_per_unit": -1.0}, "meters per unit: -1; expected a finite number above 0"),
+        ({"primary_path": "World/Env"}, "primary path: World/Env; expected a prim path such as /W"),
+        ({"primary_path": "/"}, "primary path: /; expected a prim path such as"),
+        ({"primary_path": ""}, "primary path: empty; expected a prim path such as"),
+        ({"primary_path": "/World/a.b"}, "primary path: /World/a.b; expected a prim path"),
+        ({"primary_path": "/World//Env/"}, "primary path: /World//Env/; expected a prim path"),
+        ({"primary_path": "/World/2nd"}, "primary path: /World/2nd; expected a prim path"),
+        ({"colorspace": "sRGB - Display"}, "colorspace: sRGB - Display; expected a linear space"),
+        ({"colorspace": ""}, "colorspace: empty; expected a linear space with primaries: Linear R"),
+        ({"up_axis": "X"}, "up axis: X; expected one of Y, Z"),
+        ({"dome_height": 1}, "dome height: 1; expected 2 rows or more"),
     ],
 )
 def test_an_option_out_of_range_is_named(options, message, tmp_path):

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a stage is written: what it shows, where its lobes stand, in which units and colours.
+
+This file does without pxr, so that the command line can offer and check what a fit needs only when
+it ends.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from asglight.errors import InputError
+from asglight.images import ocio
+from asglight.images.message import shown
+
+STAGE_SUFFIXES = (".usda", ".usdc", ".usd", ".usdz")
+"""Text, crate, crate, and a package of a crate with the dome's images."""
+
+DISTANCE_M = 1000.0
+"""Of the cards where nothing else is asked for: far beyond a set, so that its lights are parallel
+to the fit's precision."""
+
+DOME_HEIGHT = 128
+"""Rows of the dome's images where nothing else is asked for: texels of 1.4 degrees."""
+
+UP_AXES = ("Y", "Z")
+
+
+class Representation(StrEnum):
+    """The three ways in which a stage shows the same lobes."""
+
+    CARDS = "cards"
+    """One rectangular area light a lobe, of its flux and second moments."""
+    DISTANT = "distant"
+    """One distant light a lobe, of its irradiance and second moment; for real-time engines."""
+    DOME = "dome"
+    """One dome light with an image of all lobes; exact to the texel."""
+
+
+@dataclass(frozen=True)
+class StageOptions:
+    """Options of a stage; `asglight.usd.write_usd` takes them by name.
+
+    Attributes:
+        representation: The variant that the stage shows: `cards`, `distant` or `dome`.
+        distance: Of the cards from the origin, in stage units; None for 1,000 m.
+        dome_height: Rows of the dome's images; there are twice as many columns.
+        meters_per_unit: Length of a stage unit.
+        up_axis: Of the stage: `Y` or `Z`.
+        primary_path: The prim that holds the lobes, such as `/World/Lights/Env`.
+        colorspace: Linear space of the stage's colours, by a name that OpenColorIO knows.
+    """
+
+    representation: str = Representation.CARDS
+    distance: float | None = None
+    dome_height: int = DOME_HEIGHT
+    meters_per_unit: float = 1.0
+    up_axis: str = "Y"
+    primary_path: str = "/AsgRig"
+    colorspace: str = ocio.REC709
+
+    @property
+    def card_distance(self) -> float:
+        """Return the distance of the cards in stage units."""
+        return DISTANCE_M / self.meters_per_unit if self.distance is None else self.distance
+
+
+def check_stage_options(options: StageOptions) -> None:
+    """Refuse options that no stage can be written with.
+
+    Raises:
+        InputError: One is out of range.
+    """
+    if options.representation not in set(Representation):
+        raise InputError(
+            f"representation: {shown(options.representation)}; expected one of "
+            f"{', '.join(Representation)}."
+        )
+    lengths = {"distance": options.distance, "meters per unit": options.meters_per_unit}
+    for name, value in lengths.items():
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise InputError(f"{name}: {value:g}; expected a finite number above 0.")
+    if options.dome_height < 2:
+        raise InputError(f"dome height: {options.dome_height}; expected 2 rows or more.")
+    if options.up_axis not in UP_AXES:
+        raise InputError(
+            f"up axis: {shown(options.up_axis)}; expected one of {', '.join(UP_AXES)}."
+        )
+    root, *names = options.primary_path.split("/")
+    # what Python takes for a name, USD does: XID_Start or _, then XID_Continue
+    if root or not names or not all(name.isidentifier() for name in names):
+        raise InputError(
+            f"primary path: {shown(options.primary_path) or 'empty'}; expected a prim path such as "
+            "/World/Lights/Env: names of letters, digits and _ that begin with no digit."
+        )
+    ocio.interop_id(options.colorspace)
