@@ -7,12 +7,14 @@ from typing import Any
 
 from asglight.cli.printing import counted, frame_range, print_json
 from asglight.cli.progress import reporter
+from asglight.cli.stage_options import given_stage_options
 from asglight.errors import InputError
 from asglight.fitting.options import FitOptions
 from asglight.images import open_sequence
 from asglight.images.message import shown
 from asglight.shots.chunks import CHUNK, OVERLAP, Shot
 from asglight.shots.joining import part_rows
+from asglight.usd.options import StageOptions
 
 EXAMPLE = (
     "asglight fit day.####.exr tunnel.####.exr -o stages/ --scheduler tcp://farm:8786 --resume"
@@ -106,10 +108,27 @@ def shots_from(arguments: argparse.Namespace, options: FitOptions) -> list[Shot]
                 arguments.fps,
                 arguments.missing,
                 arguments.layer,
-                arguments.representation,
+                StageOptions(**given_stage_options(arguments)),
+                names_from_of(arguments, stage),
             )
         )
     return shots
+
+
+def names_from_of(arguments: argparse.Namespace, stage: Path) -> str | None:
+    """Return the stage whose lights keep their names: one that was given, or that is written over.
+
+    One that is merely in the way may be anything, and gives no names.
+    """
+    from asglight.usd import read_usd
+
+    if arguments.names_from is not None:
+        return str(Path(arguments.names_from).absolute())
+    try:
+        read_usd(stage)
+    except InputError:
+        return None
+    return str(stage)
 
 
 def as_document(stage: str) -> dict[str, Any]:

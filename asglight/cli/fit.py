@@ -14,14 +14,15 @@ from asglight.cli.parser import (
 )
 from asglight.cli.printing import counted, duration, frame_range, percent, print_json, size
 from asglight.cli.progress import reporter
+from asglight.cli.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.errors import InputError
 from asglight.fitting.options import LOBES, MAX_LOBES, FitOptions, Preset
 from asglight.images.frame_files import ranges
 from asglight.images.sequence import Missing
 from asglight.lobes import Form
 from asglight.shots import ShotResult, fit_shot
-from asglight.shots.settings import Representation
 from asglight.shots.tracks import repairs_of
+from asglight.usd.options import StageOptions
 
 EXAMPLE = f"""asglight fit sky.####.exr -o sky.usda --frames 1001-1048 --resume
 part of a shot: asglight fit sky.####.exr -o part.2.usdc --frames 1045-1096 --preroll 1001
@@ -35,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     default = FitOptions()
     source = "image file, folder, or pattern such as sky.####.exr; several with --scheduler"
     add("input", nargs="+", metavar="INPUT", help=source)
-    stage = "stage: .usda, .usdc or .usd; with several inputs, the folder of their stages"
+    stage = f"{OUTPUT}; with several inputs, the folder of their stages"
     add("-o", "--output", required=True, metavar="STAGE", help=stage)
     add("--lobes", type=int, metavar="N", help=f"number of lobes (default: {LOBES})")
     fewest = (
@@ -60,8 +61,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--missing", choices=get_args(Missing), default="error", help=missing)
     rate = "frames per second of the stage, such as 24 or 24000/1001 (default: 24)"
     add("--fps", type=frame_rate, default=24.0, help=rate)
-    variant = "variant that the stage opens with; it holds all (default: %(default)s)"
-    add("--representation", choices=get_args(Representation), default="cards", help=variant)
     resume = "go on where an interrupted run stopped; without it, a run starts afresh"
     add("--resume", action="store_true", help=resume)
     add("--device", default=default.device, help="cpu, cuda or cuda:1 (default: %(default)s)")
@@ -71,6 +70,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--paper-steps", type=step_pair, metavar="FIRST,NEXT", help=steps)
     farm.add_arguments(parser)
     add_json_option(parser)
+    add_stage_options(parser)
+    names = "stage of an earlier fit whose lights keep their names (default: the one written over)"
+    add("--names-from", metavar="STAGE", help=names)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -88,7 +90,8 @@ def run(arguments: argparse.Namespace) -> int:
             fps=arguments.fps,
             missing=arguments.missing,
             layer=arguments.layer,
-            representation=arguments.representation,
+            stage=StageOptions(**given_stage_options(arguments)),
+            names_from=arguments.names_from,
             resume=arguments.resume,
             on_progress=report,
         )

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from asglight.cli import built_in
 from asglight.cli.live_source import LiveJob, LiveSource
 from asglight.errors import InputError
+from asglight.usd.options import STAGE_SUFFIXES
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from asglight.lobes import LobeTracks
     from asglight.viewer.session import Session
     from asglight.viewer.source import TrackSource
-
-STAGE_SUFFIXES = (".usda", ".usdc", ".usd")
 
 FPS = 24.0
 """Frames per second of images, which name no rate."""

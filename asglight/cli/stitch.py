@@ -10,6 +10,7 @@ from typing import Any
 from asglight.cli.info import part_lines
 from asglight.cli.parser import add_json_option
 from asglight.cli.printing import counted, frame_range, print_json, size
+from asglight.cli.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.shots.joining import Joined, join
@@ -21,8 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `stitch`."""
     parts = "stages of the parts, in any order, or patterns such as part.*.usdc"
     parser.add_argument("parts", nargs="+", metavar="STAGE", help=parts)
-    output = "stage: .usda, .usdc or .usd; none of the parts"
+    output = f"{OUTPUT}; none of the parts"
     parser.add_argument("-o", "--output", required=True, metavar="STAGE", help=output)
+    add_stage_options(parser, kept="as of the first part")
     add_json_option(parser)
 
 
@@ -30,7 +32,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Read the parts, write the shot, and say what was written."""
     files = part_files(arguments.parts)
     check_apart(arguments.output, files)
-    document = as_document(join(files, arguments.output), arguments.output)
+    joined = join(files, arguments.output, given_stage_options(arguments))
+    document = as_document(joined, arguments.output)
     if arguments.json:
         print_json(document)
     else:

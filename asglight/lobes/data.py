@@ -9,7 +9,8 @@ Dimension letters: F frames, N lobes, 3 RGB or xyz.
 """
 
 import itertools
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Self
@@ -130,6 +131,12 @@ def lobe_names(count: int, first: int = 0) -> tuple[str, ...]:
     """
     digits = max(2, len(str(first + count - 1)))
     return tuple(f"lobe_{index:0{digits}d}" for index in range(first, first + count))
+
+
+def first_unused(names: Iterable[str]) -> int:
+    """Return the number after the highest one that names a lobe."""
+    numbered = (re.fullmatch(r"lobe_(\d+)", name) for name in names)
+    return max((int(match[1]) + 1 for match in numbered if match), default=0)
 
 
 @dataclass(frozen=True)

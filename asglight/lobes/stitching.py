@@ -33,7 +33,7 @@ from torch import Tensor
 
 from asglight.errors import InputError
 from asglight.lobes import asg
-from asglight.lobes.data import Form, Lobes, LobeTracks
+from asglight.lobes.data import Form, Lobes, LobeTracks, first_unused, lobe_names
 from asglight.lobes.frames import align, continuous, orthonormal, slerp
 
 CARRIED_DEG = 10.0
@@ -92,7 +92,7 @@ def stitched(parts: Sequence[LobeTracks], names: Sequence[str] | None = None) ->
 
     Returns:
         The tracks in float32, with the metadata of the part that begins first. The lobes of that
-        part come first, in its order.
+        part come first, in its order and under its names.
 
     Raises:
         InputError: There is no part, or they do not make up a shot.
@@ -108,7 +108,9 @@ def stitched(parts: Sequence[LobeTracks], names: Sequence[str] | None = None) ->
         overlap = _overlap(frames, part.frames, f"{name} and {next_name}", _step(parts))
         lobes = _joined(_Seam(lobes, _exact(part.lobes), overlap))
         frames = (*frames, *part.frames[overlap:])
-    return LobeTracks(frames, first.fps, continuous(lobes).to(torch.float32), first.metadata)
+    lobes = continuous(lobes).to(torch.float32)
+    more = lobe_names(lobes.count - len(first.names), first_unused(first.names))
+    return LobeTracks(frames, first.fps, lobes, first.metadata, first.names + more)
 
 
 def _exact(lobes: Lobes) -> Lobes:
@@ -275,15 +277,28 @@ def _same_lobes(seam: _Seam) -> dict[int, int]:
     """Return which lobe of the later part each lobe of the earlier one goes on as."""
     before, after, overlap = seam
     count = max(overlap, 1)  # parts that only touch are compared across the seam
-    lobes, others = _all_pairs(before[len(before.axes) - count :], after[:count])
-    shares = _shares(before[len(before.axes) - count :], after[:count])
-    widths = ((others.sharpness + BROAD) / (lobes.sharpness + BROAD)).log() / CARRIED_LOG
-    distance = _tilt(lobes, others) + widths.square().mean(-1)
-    saved = (torch.minimum(*shares) * (2 - distance)).mean(0)  # [N, M]
+    last, first = before[len(before.axes) - count :], after[:count]
+    saved = light_saved(last, first).mean(0)  # [N, M]
     saved = torch.where(_jumps(seam), 0.0, saved.clamp(min=0))
     rows, columns = linear_sum_assignment(saved.numpy(), maximize=True)
     found = zip(rows.tolist(), columns.tolist(), strict=True)
     return {i: j for i, j in found if float(saved[i, j]) > 0}
+
+
+def light_saved(before: Lobes, after: Lobes) -> Tensor:
+    """Return what pairing every lobe with every other saves: min(p_i, p_j) (2 - d_ij^2).
+
+    Args:
+        before: Lobes of K frames.  [K, N, .]
+        after: Others of the same frames, of the same form.  [K, M, .]
+
+    Returns:
+        Shares of the flux, negative where carrying costs more.  [K, N, M]
+    """
+    lobes, others = _all_pairs(before, after)
+    widths = ((others.sharpness + BROAD) / (lobes.sharpness + BROAD)).log() / CARRIED_LOG
+    distance = _tilt(lobes, others) + widths.square().mean(-1)
+    return torch.minimum(*shares(before, after)) * (2 - distance)
 
 
 def _tilt(lobes: Lobes, others: Lobes) -> Tensor:
@@ -309,7 +324,7 @@ def _jumps(seam: _Seam) -> Tensor:
     before, after, overlap = seam
     last = before[len(before.axes) - overlap - 1 :]  # K + 1 frames, as of the later part
     lobes, others = _all_pairs(last, after[: overlap + 1])
-    share, other_share = _shares(last, after[: overlap + 1])
+    share, other_share = shares(last, after[: overlap + 1])
     lit = torch.cat([share[:1], torch.maximum(share[1:], other_share[:-1]), other_share[-1:]])
     lit = torch.maximum(lit[:-1], lit[1:]) > LIT_SHARE
     over = _turned(lobes[1:], align(others[:-1], lobes[1:]))
@@ -336,7 +351,7 @@ def _all_pairs(before: Lobes, after: Lobes) -> tuple[Lobes, Lobes]:
     return first, align(second, first)
 
 
-def _shares(before: Lobes, after: Lobes) -> tuple[Tensor, Tensor]:
+def shares(before: Lobes, after: Lobes) -> tuple[Tensor, Tensor]:
     """Return the flux shares of the lobes of every pair.  Two [K, N, M]."""
     first, second = _share(before), _share(after)
     size = (len(first), before.count, after.count)

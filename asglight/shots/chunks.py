@@ -30,12 +30,12 @@ from asglight.shots.job import fit_shot
 from asglight.shots.preroll import Followed, follow
 from asglight.shots.reading import stamp_of
 from asglight.shots.settings import (
-    Representation,
     check_fps,
     check_options,
     check_output,
     settings_of,
 )
+from asglight.usd.options import StageOptions, check_stage_options
 
 CHUNK = 48
 """Frames of a part: two seconds of film. `fast` then takes 15 s for a part, far more than a task
@@ -64,7 +64,8 @@ class Shot:
         fps: Frames per second.
         missing: What stands in for a missing frame.
         layer: Layer or part of OpenEXR files.
-        representation: The variant that the stage opens with.
+        stage: How the stage is written.
+        names_from: Stage whose lights keep their names; None for the one written over.
     """
 
     source: str
@@ -74,7 +75,8 @@ class Shot:
     fps: float = 24.0
     missing: Missing = "error"
     layer: str | None = None
-    representation: Representation = "cards"
+    stage: StageOptions = StageOptions()  # frozen as well
+    names_from: str | None = None
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,8 @@ class Parts:
         output = Path(shot.output)
         check_options(replace(shot.options, device="cpu"))  # the device is that of the workers
         check_fps(shot.fps)
-        check_output(output, shot.representation)
+        check_output(output)
+        check_stage_options(shot.stage)
         if length < 2 * OVERLAP:
             raise InputError(f"chunk: {length}; expected at least {2 * OVERLAP} frames.")
         sequence = opened(shot)
@@ -300,7 +303,8 @@ def fit_part(part: Part, known: Followed | None, on_progress: OnProgress) -> Non
         fps=shot.fps,
         missing=shot.missing,
         layer=shot.layer,
-        representation=shot.representation,
+        stage=shot.stage,
+        names_from=shot.names_from,
         resume=True,
         on_progress=on_progress,
         followed=known,

@@ -16,6 +16,7 @@ from asglight.images import Sequence, open_sequence
 from asglight.images.message import shown
 from asglight.images.sequence import Missing
 from asglight.lobes import Form, LobeTracks
+from asglight.lobes.naming import named_as
 from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
 from asglight.shots.events import Notice, OnProgress, ignore
 from asglight.shots.preroll import Followed, check_preroll
@@ -23,13 +24,13 @@ from asglight.shots.reading import stamp_of
 from asglight.shots.records import FrameRecord
 from asglight.shots.rounds import InMemory, fitted_shot
 from asglight.shots.settings import (
-    Representation,
     check_fps,
     check_options,
     check_output,
     settings_of,
 )
 from asglight.shots.tracks import tracks_from
+from asglight.usd.options import StageOptions, check_stage_options
 
 if TYPE_CHECKING:
     from asglight.usd import WriteReport
@@ -61,7 +62,8 @@ def fit_shot(
     fps: float = 24.0,
     missing: Missing = "error",
     layer: str | None = None,
-    representation: Representation = "cards",
+    stage: StageOptions = StageOptions(),  # noqa: B008  frozen as well
+    names_from: str | Path | None = None,
     resume: bool = False,
     on_progress: OnProgress = ignore,
     followed: Followed | None = None,
@@ -75,13 +77,15 @@ def fit_shot(
 
     Args:
         source: A file, a folder, or a pattern such as `sky.####.exr`.
-        output: The stage: .usda, .usdc or .usd.
+        output: The stage: .usda, .usdc, .usd or .usdz.
         options: Settings of the fit.
         frames: Frames to use, such as `1001-1048`; None for all.
         fps: Frames per second.
         missing: `error`, or what stands in for a missing frame: `hold` or `interpolate`.
         layer: Layer or part of OpenEXR files; None for the plain image.
-        representation: The variant that the stage opens with: `cards`, `distant` or `dome`.
+        stage: How the stage is written.
+        names_from: A stage of an earlier fit, whose names its lights keep; None for the one that
+            is written anew, if there is one.
         resume: Go on from the checkpoint, if there is one.
         on_progress: Called with each event.
         followed: With a preroll, where it has been already (preroll.py).
@@ -89,12 +93,12 @@ def fit_shot(
     Raises:
         InputError: The input, a setting or the output cannot be used; or another run writes it.
     """
-    from asglight.usd import write_usd  # loads pxr, which nothing else of a fit needs
-
     output = Path(output)
     check_options(options)
     check_fps(fps)
-    check_output(output, representation)
+    check_output(output)
+    check_stage_options(stage)
+    earlier = _earlier(output, names_from, on_progress)
     sequence = open_sequence(source, frames=frames, missing=missing, height=FIT_HEIGHT, layer=layer)
     check_preroll(options, sequence.frames[0])
     options = options.settled()
@@ -105,7 +109,8 @@ def fit_shot(
         _tell_state(checkpoint, on_progress)
         shot = fitted_shot(sequence, options, checkpoint, on_progress, followed)
         tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
-        written = write_usd(tracks, output, representation=representation)
+        tracks = named_as(tracks, earlier) if earlier else tracks
+        written = write_stage(tracks, output, stage)
         checkpoint.remove()
     return ShotResult(tracks, tuple(shot.records), shot.resumed, written)
 
@@ -165,6 +170,30 @@ def fit_sequence(
     sequence = open_sequence(source, frames=frames, missing=missing, height=FIT_HEIGHT, layer=layer)
     shot = fitted_shot(sequence, options.settled(), InMemory(), on_progress)
     return tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
+
+
+def write_stage(tracks: LobeTracks, output: str | Path, options: StageOptions) -> "WriteReport":
+    """Write tracks with options; loads pxr, which nothing else of a fit needs."""
+    from asglight.usd import write_usd
+
+    return write_usd(tracks, output, **vars(options))
+
+
+def _earlier(
+    output: Path, names_from: str | Path | None, on_progress: OnProgress
+) -> LobeTracks | None:
+    """Read the stage whose names are kept; one that is merely in the way may be anything."""
+    if names_from is None and not output.exists():
+        return None
+    from asglight.usd import read_usd
+
+    if names_from is not None:
+        return read_usd(names_from)
+    try:
+        return read_usd(output)
+    except InputError as error:
+        on_progress(Notice(f"{error} Lights are named anew"))
+        return None
 
 
 def _check_unchanged(sequence: Sequence, checkpoint: Checkpoint) -> None:

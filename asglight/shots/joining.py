@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """One stage from the stages of the parts of a shot."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from asglight.images.message import shown
@@ -37,26 +38,29 @@ class Joined:
     written: "WriteReport"
 
 
-def join(files: Sequence[str], output: str) -> Joined:
-    """Read parts, stitch them and write the shot, which opens with the variant of the first part.
+def join(
+    files: Sequence[str], output: str, given: Mapping[str, Any] = MappingProxyType({})
+) -> Joined:
+    """Read parts, stitch them and write the shot as the first part was written.
 
     Args:
         files: Stages of the parts, in any order.
         output: The stage of the shot.
+        given: Options of the stage, by name, in place of those of the first part.
 
     Raises:
         InputError: A part cannot be read, they do not make up a shot, or it cannot be written.
     """
     from asglight.usd import read_usd, write_usd  # loads pxr
-    from asglight.usd.stage import representation_of
+    from asglight.usd.read_options import read_options
 
     parts = sorted(((read_usd(file), file) for file in files), key=lambda pair: pair[0].frames)
     tracks = stitched([part for part, _ in parts], [shown(file) for _, file in parts])
     account = [row for part, file in parts for row in part_rows(part, file)]
     metadata = {name: tracks.metadata[name] for name in tracks.metadata if name not in OF_FRAMES}
-    tracks = LobeTracks(tracks.frames, tracks.fps, tracks.lobes, metadata | {"parts": account})
-    variant = representation_of(parts[0][1]) or "cards"
-    return Joined(tracks, write_usd(tracks, output, representation=variant))
+    tracks = replace(tracks, metadata=metadata | {"parts": account})
+    options = replace(read_options(parts[0][1]), **given)
+    return Joined(tracks, write_usd(tracks, output, **vars(options)))
 
 
 def part_rows(part: LobeTracks, file: str) -> list[dict[str, Any]]:

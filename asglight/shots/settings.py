@@ -5,7 +5,7 @@ import dataclasses
 import math
 import os
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 import torch
 
@@ -14,17 +14,13 @@ from asglight.errors import InputError
 from asglight.fitting.options import FitOptions, Preset
 from asglight.images import Sequence
 from asglight.images.message import shown
+from asglight.usd.options import STAGE_SUFFIXES
 
 LOBES_MAX = 256
 """The normal equations of a fit grow with the square of the number of lobes: 21 MB at 256."""
 
 SEED_MAX = 2**63 - 1
 """The largest seed that every torch generator takes."""
-
-STAGE_SUFFIXES = (".usda", ".usdc", ".usd")
-
-Representation = Literal["cards", "distant", "dome"]
-"""The variant that a stage opens with."""
 
 
 def check_options(options: FitOptions) -> None:
@@ -81,18 +77,12 @@ def check_fps(fps: float) -> None:
         raise InputError(f"fps: {fps:g}; expected a number above 0, such as 24 or 23.976.")
 
 
-def check_output(output: Path, representation: str) -> None:
+def check_output(output: Path) -> None:
     """Refuse an output that cannot become a USD stage.
 
     Raises:
-        InputError: Its name has another extension, its folder is not there, or there is no such
-            representation.
+        InputError: Its name has another extension, or its folder is not there.
     """
-    if representation not in get_args(Representation):
-        raise InputError(
-            f"representation: {shown(representation)}; expected one of "
-            f"{', '.join(get_args(Representation))}."
-        )
     if output.suffix.lower() not in STAGE_SUFFIXES or "\0" in str(output):
         raise InputError(
             f"{shown(output)}: its extension is {shown(output.suffix) or 'missing'}; expected "

@@ -18,6 +18,7 @@ from asglight.images import Sequence
 from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
 from asglight.lobes.frames import continuous
+from asglight.lobes.naming import by_energy
 from asglight.shots.leaving_out import account, simplified
 from asglight.shots.records import FrameRecord, own_frames, places_of
 from asglight.shots.settings import options_as_json
@@ -62,7 +63,7 @@ def tracks_from(
         "flux_error": [_finite(record.flux_error) for record in records],
         "repairs": repairs_of(records),
     }
-    return LobeTracks(sequence.frames, fps, lobes, metadata)
+    return by_energy(LobeTracks(sequence.frames, fps, lobes, metadata))
 
 
 def _measured(accuracy: Accuracy, frames: list[int], lobes: Lobes) -> dict[str, Any]:

@@ -11,12 +11,11 @@ import shot_files
 import sky_files
 import torch
 
-from asglight.cli import built_in, opening
+from asglight.cli import built_in
 from asglight.cli.opening import Request, opened, stage_of
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import stack
-from asglight.shots import settings
 from asglight.usd import write_usd
 from asglight.viewer.session import Session
 
@@ -50,10 +49,6 @@ def stage(tmp_path: Path) -> Path:
     path = tmp_path / "out" / "shot.usda"
     write_usd(LobeTracks(FRAMES, 25.0, stack([shot_files.lobes(k) for k in FRAMES])), path)
     return path
-
-
-def test_the_suffixes_are_those_that_a_fit_writes() -> None:
-    assert opening.STAGE_SUFFIXES == settings.STAGE_SUFFIXES
 
 
 @pytest.mark.parametrize("named", ["out/shot.usda", "out"])

@@ -86,7 +86,7 @@ def test_a_frame_rate_that_is_none_is_refused(fps: float) -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("shot.exr", r"its extension is \.exr; expected \.usda, \.usdc or \.usd"),
+        ("shot.exr", r"its extension is \.exr; expected \.usda, \.usdc, \.usd or \.usdz"),
         ("shot", "its extension is missing; expected"),
         ("folder.usd", "is a folder; expected a file"),
         ("nowhere/shot.usda", r"there is no folder .*nowhere; expected one"),
@@ -98,12 +98,7 @@ def test_an_output_that_cannot_be_is_refused(tmp_path: Path, name: str, message:
     (tmp_path / "folder.usd").mkdir()
     (tmp_path / "file.txt").touch()
     with pytest.raises(InputError, match=message):
-        check_output(tmp_path / name, "cards")
-
-
-def test_an_unknown_representation_is_refused() -> None:
-    with pytest.raises(InputError, match="representation: cubes; expected one of cards, distant"):
-        check_output(Path("shot.usda"), "cubes")
+        check_output(tmp_path / name)
 
 
 def test_the_settings_hold_every_option_as_json(tmp_path: Path) -> None:
