@@ -15,7 +15,10 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.shots.joining import Joined, join
 
-EXAMPLE = "asglight stitch part.*.usdc -o shot.usdc"
+EXAMPLE = (
+    "asglight stitch part.*.usdc -o shot.usdc\n"
+    "         asglight stitch part.*.usdc -o shot.usdz --primary-path /World/Lights/Env --up-axis Z"
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ import json
 import math
 import shutil
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -75,7 +75,7 @@ class Shot:
     fps: float = 24.0
     missing: Missing = "error"
     layer: str | None = None
-    stage: StageOptions = StageOptions()  # frozen as well
+    stage: StageOptions = field(default_factory=StageOptions)
     names_from: str | None = None
 
 
