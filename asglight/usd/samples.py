@@ -2,13 +2,12 @@
 """Which time samples to keep: those that interpolation between the kept ones cannot reproduce.
 
 USD interpolates numbers and vectors linearly and quaternions by slerp the shorter way. Samples are
-chosen by splitting at the worst deviation [Douglas and Peucker 1973, "Algorithms for the reduction
+chosen by splitting, all spans at a time, at the worst deviation [Douglas and Peucker 1973, "Algorithms for the reduction
 of the number of points required to represent a digitized line"].
 
 Symbols: F frames, K components of a value.
 """
 
-import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -74,20 +73,21 @@ def _split(
     inner = np.arange(1, len(frames) - 1)
     keep = np.ones(len(frames), dtype=bool)
     # Whatever can be left out lies within about two tolerances of its neighbours' line: this one
-    # vectorised test leaves the recursion nothing to do on a noisy track.
+    # test leaves the splitting nothing to do on a noisy track.
     keep[1:-1] = excess(inner - 1, inner + 1, inner) > 2
-    corners = np.flatnonzero(keep)
-    spans = list(itertools.pairwise(corners.tolist()))
-    while spans:
-        first, last = spans.pop()
-        if last - first < 2:
-            continue
-        between = np.arange(first + 1, last)
-        errors = excess(np.full_like(between, first), np.full_like(between, last), between)
-        if errors.max() > 1:
-            worst = int(between[errors.argmax()])
-            keep[worst] = True
-            spans += [(first, worst), (worst, last)]
+    while not keep.all():
+        corners, inner = np.flatnonzero(keep), np.flatnonzero(~keep)
+        span = np.searchsorted(corners, inner)  # of the corner after each sample
+        errors = excess(corners[span - 1], corners[span], inner)
+        starts = np.flatnonzero(np.diff(span, prepend=-1))
+        worst = np.maximum.reduceat(errors, starts)
+        if worst.max() <= 1:
+            break
+        # of every span that is too far off, the first of its worst samples
+        is_worst = errors == np.repeat(worst, np.diff(starts, append=len(inner)))
+        spans, first = np.unique(span[is_worst], return_index=True)
+        assert len(spans) == len(starts)
+        keep[inner[is_worst][first[worst > 1]]] = True
     return keep
 
 
