@@ -2,8 +2,8 @@
 """Which time samples to keep: those that interpolation between the kept ones cannot reproduce.
 
 USD interpolates numbers and vectors linearly and quaternions by slerp the shorter way. Samples are
-chosen by splitting, all spans at a time, at the worst deviation [Douglas and Peucker 1973, "Algorithms for the reduction
-of the number of points required to represent a digitized line"].
+chosen by splitting, all spans at a time, at the worst deviation [Douglas and Peucker 1973,
+"Algorithms for the reduction of the number of points required to represent a digitized line"].
 
 Symbols: F frames, K components of a value.
 """
