@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 
-.PHONY: help setup demo pictures bench-fit test test-fast lint format clean
+.PHONY: help setup demo pictures bench-fit test test-fast test-usd lint format clean
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -39,6 +39,9 @@ test: setup      ## all tests
 test-fast: setup ## the tests of less than ten seconds each
 	$(BIN)/python -m pytest -m 'not slow'
 
+test-usd: setup  ## stages in other versions of USD and under NVIDIA's validator (.usd-versions/)
+	.ci/usd-versions
+
 lint: setup      ## ruff and pyright
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -49,4 +52,4 @@ format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) demo-output pictures bench-fit test-artifacts dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo-output pictures bench-fit test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis

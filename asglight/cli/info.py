@@ -26,15 +26,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read a stage and print what it holds."""
-    from asglight.usd import read_usd
+    from asglight.usd import read_stage
     from asglight.usd.stage import representation_of
 
-    tracks = read_usd(arguments.stage)
+    reading = read_stage(arguments.stage)
     document = {
         "stage": arguments.stage,
         "bytes": os.path.getsize(arguments.stage),
         "representation": representation_of(arguments.stage),
-        **as_document(tracks),
+        "changes": list(reading.changes),
+        **as_document(reading.tracks),
     }
     if arguments.json:
         print_json(document)
@@ -105,6 +106,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
             f"fitted: preset {metadata['preset']}, from {metadata.get('source', 'unknown')}, "
             f"asglight {metadata.get('asglight', 'unknown')}"
         )
+    lines += [f"edited: {change}" for change in document["changes"]]
     lines += left_out_lines(metadata)
     lines += part_lines(metadata.get("parts", []))
     repaired = repair_line(metadata["repairs"]) if "repairs" in metadata else ""

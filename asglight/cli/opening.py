@@ -16,6 +16,8 @@ from asglight.errors import InputError
 from asglight.usd.options import STAGE_SUFFIXES
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
 
     from asglight.lobes import LobeTracks
@@ -132,10 +134,11 @@ def _stage(stage: Path, request: Request) -> "Session":
         if not stage.exists() and checkpoint_of(stage).exists():
             source, tracks = _watched(stage)
         else:
-            from asglight.usd import read_usd
+            from asglight.usd import read_stage
 
-            tracks = read_usd(stage)
-            source = FixedSource(tracks)
+            reading = read_stage(stage)
+            tracks = reading.tracks
+            source = FixedSource(tracks, changes_line(reading.changes))
         on_failure.callback(source.close)
         state = ViewerState(tracks)
         reference = None
@@ -147,6 +150,14 @@ def _stage(stage: Path, request: Request) -> "Session":
     if reference is not None:
         state.compare_with(reference)
     return Session(state, source, shown(stage.name), stage)
+
+
+def changes_line(changes: "Sequence[str]") -> str:
+    """Return what other programs changed in a stage's lights as one line; empty for nothing."""
+    if not changes:
+        return ""
+    more = f"; and {len(changes) - 1} more, see asglight info" if len(changes) > 1 else ""
+    return f"lights edited since the fit: {changes[0]}{more}"
 
 
 def checkpoint_of(stage: Path) -> Path:

@@ -12,7 +12,7 @@ from asglight.usd.options import STAGE_SUFFIXES, Representation, StageOptions, c
 if TYPE_CHECKING:
     from asglight.usd.edit_layer import write_edit_layer
     from asglight.usd.lint import lint_stage
-    from asglight.usd.read import read_usd
+    from asglight.usd.read import Reading, read_stage, read_usd
     from asglight.usd.schema import SCHEMA_FOLDER
     from asglight.usd.staging import WriteReport
     from asglight.usd.write import write_usd
@@ -20,11 +20,13 @@ if TYPE_CHECKING:
 __all__ = [
     "SCHEMA_FOLDER",
     "STAGE_SUFFIXES",
+    "Reading",
     "Representation",
     "StageOptions",
     "WriteReport",
     "check_stage_options",
     "lint_stage",
+    "read_stage",
     "read_usd",
     "write_edit_layer",
     "write_usd",
@@ -34,6 +36,8 @@ _HOME = {
     "SCHEMA_FOLDER": "schema",
     "WriteReport": "staging",
     "lint_stage": "lint",
+    "Reading": "read",
+    "read_stage": "read",
     "read_usd": "read",
     "write_edit_layer": "edit_layer",
     "write_usd": "write",

@@ -38,7 +38,9 @@ class TrackAuthor:
         self.written = 0
         self.left_out = 0
 
-    def track(self, prim: Sdf.PrimSpec, name: str, values: Tensor, tolerance: float) -> None:
+    def track(
+        self, prim: Sdf.PrimSpec, name: str, values: Tensor, tolerance: float
+    ) -> NDArray[np.float32]:
         """Author one attribute over all frames.
 
         Args:
@@ -46,11 +48,15 @@ class TrackAuthor:
             name: Attribute.
             values: One value a frame; quaternions as (w, x, y, z).  [F, K]
             tolerance: Relative error of a sample left out; quaternions have their own.
+
+        Returns:
+            What was authored: the default, then the samples.  [1 + samples, K]
         """
         rounded = values.to(torch.float32).numpy()
         kind = schema.VALUE_TYPES[name]
         keep = self._needed(rounded, kind, tolerance)
         self.held(prim, name, _to_gf(rounded, kind), keep)
+        return np.concatenate([rounded[:1], rounded[keep]])
 
     def held(
         self, prim: Sdf.PrimSpec, name: str, values: list[Any], keep: NDArray[np.bool_]

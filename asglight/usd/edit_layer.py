@@ -26,13 +26,14 @@ from asglight.lobes.data import Form
 from asglight.usd import cards, distant, layer, samples, schema, staging
 from asglight.usd.authoring import TrackAuthor
 from asglight.usd.checks import check_target, check_tracks
+from asglight.usd.digest import author_digest, digest_of_prim
 from asglight.usd.lint import lint_stage
 from asglight.usd.options import STAGE_SUFFIXES
 from asglight.usd.read import read_usd
 from asglight.usd.read_options import dome_images, options_of
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import space_for, to_stage
-from asglight.usd.stage import lobe_prims, numbers, open_rig
+from asglight.usd.stage import lobe_prims, numbers, open_rig, open_stage
 from asglight.usd.staging import WriteReport
 
 LAYER_SUFFIXES = tuple(suffix for suffix in STAGE_SUFFIXES if suffix != ".usdz")
@@ -153,6 +154,7 @@ def write_edit_layer(
         built, author = _build(below, tracks, differing, staging.relative_names(textures))
         built.subLayerPaths = [_reference(below.path, place.parent)]
         staging.export(built, place)
+        _author_digests(built, place, differing)
         _check_findings(below, place)
         built.subLayerPaths = [_reference(below.path, path.parent)]
         staging.export(built, place)
@@ -229,6 +231,15 @@ def _build(
         prim = Sdf.CreatePrimInLayer(built, variant.AppendChild(schema.DOME))
         layer.author_textures(author, prim, textures)
     return built, author
+
+
+def _author_digests(built: Sdf.Layer, place: Path, differing: list[_Track]) -> None:
+    """Keep with each lobe that the layer changes what it is now, so that its lights count."""
+    stage = open_stage(place)
+    tracks = (track for track in differing if track.representation is None)
+    for path in {track.path.GetPrimPath() for track in tracks}:
+        digest = digest_of_prim(stage.GetPrimAtPath(path))
+        author_digest(Sdf.CreatePrimInLayer(built, path), digest)
 
 
 def _reference(source: Path, folder: Path) -> str:

@@ -20,6 +20,7 @@ from asglight.lobes import LobeTracks, frames
 from asglight.lobes.data import Form, Lobes
 from asglight.usd import cards, distant, schema
 from asglight.usd.authoring import TrackAuthor, constant
+from asglight.usd.digest import author_digest, digest_of_values
 from asglight.usd.options import StageOptions
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_for, to_stage
@@ -163,8 +164,11 @@ def _author_lobes(
         lobe = Sdf.PrimSpec(scope, name, Sdf.SpecifierDef)
         lobe.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=[schema.LOBE_API]))
         constant(lobe, schema.FORM, str(lobes.form))
-        for attribute, values in tracks.items():
-            author.track(lobe, attribute, values[:, index], LOBE_TOLERANCE)
+        authored = [
+            author.track(lobe, attribute, tracks[attribute][:, index], LOBE_TOLERANCE)
+            for attribute in schema.LOBE_TRACKS
+        ]
+        author_digest(lobe, digest_of_values(authored))
 
 
 def _author_cards(

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading lobe tracks back from a stage.
 
-Only what a lobe is counts: orientation, sharpness, amplitude and form. Lights, which are derived
-from it, are not read, so a light that was edited by hand changes nothing here; a lobe that was
-deactivated is gone.
+A lobe is orientation, sharpness, amplitude and form. Lights are derived from it; those that were
+edited by another program change it (asglight.usd.edited_lights). A lobe that was deactivated is
+gone.
 """
 
 import itertools
 import json
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -23,6 +24,8 @@ from asglight.images import ocio
 from asglight.images.message import shown
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.usd import schema
+from asglight.usd.edited_lights import with_light_edits
+from asglight.usd.read_options import card_distance_of
 from asglight.usd.spaces import Space, from_stage, space_of
 from asglight.usd.stage import lobe_prims, numbers, open_rig, rig_data
 
@@ -30,11 +33,26 @@ FRAMES_MAX = 1_000_000
 """Eleven hours at 24 frames a second. A range beyond it is damage, and would fill the memory."""
 
 
+@dataclass(frozen=True)
+class Reading:
+    """What a stage holds.
+
+    Attributes:
+        tracks: Its lobes.
+        changes: What other programs changed in its lights, one line each: `<prim>: <what>`.
+    """
+
+    tracks: LobeTracks
+    changes: tuple[str, ...]
+
+
 def read_usd(path: str | Path) -> LobeTracks:
     """Read the tracks of a stage that asglight wrote.
 
     Frames are all integers from startTimeCode to endTimeCode, or those that the rig lists. Lobes
     come back with +Y up and in Rec.709, whatever the stage has, under the names of their prims.
+    Where another program has edited a light of the variant that the stage shows, its lobe is the
+    one that would shine so; `read_stage` says what was changed.
 
     Args:
         path: The stage.
@@ -44,6 +62,15 @@ def read_usd(path: str | Path) -> LobeTracks:
 
     Raises:
         InputError: There is no such stage, it holds no lobes, or a value is damaged.
+    """
+    return read_stage(path).tracks
+
+
+def read_stage(path: str | Path) -> Reading:
+    """Read the tracks of a stage, as `read_usd`, and what other programs changed in its lights.
+
+    Raises:
+        InputError: As `read_usd`.
     """
     stage, rig = open_rig(path)
     prims = lobe_prims(rig)
@@ -55,9 +82,13 @@ def read_usd(path: str | Path) -> LobeTracks:
     if not (math.isfinite(fps) and fps > 0):
         _fail(path, f"{fps:g} time codes a second", "a rate above 0")
     times = _frame_numbers(path, stage, data)
-    lobes = from_stage(_lobes(path, prims, times), _space(path, rig))
+    space = _space(path, rig)
+    distance = card_distance_of(rig)
+    lobes = _lobes(path, prims, times)
+    lobes, changes = with_light_edits(rig, prims, lobes, times, distance)
     names = tuple(prim.GetName() for prim in prims)
-    return LobeTracks(times, fps, lobes, _metadata(path, data), names)
+    tracks = LobeTracks(times, fps, from_stage(lobes, space), _metadata(path, data), names)
+    return Reading(tracks, tuple(changes))
 
 
 def _space(path: str | Path, rig: Usd.Prim) -> Space:

@@ -30,18 +30,23 @@ def options_of(rig: Usd.Prim) -> StageOptions:
         rig: Of a stage whose edit target is its session layer. Which representation it shows
             changes.
     """
-    meters_per_unit = UsdGeom.GetStageMetersPerUnit(rig.GetStage())
     space = space_of(rig)
     shown = rig.GetVariantSet(schema.VARIANT_SET).GetVariantSelection()
     return StageOptions(
         representation=shown if shown in set(Representation) else StageOptions.representation,
-        distance=float(rig_data(rig).get(schema.DISTANCE, DISTANCE_M / meters_per_unit)),
+        distance=card_distance_of(rig),
         dome_height=_dome_height(rig),
-        meters_per_unit=meters_per_unit,
+        meters_per_unit=UsdGeom.GetStageMetersPerUnit(rig.GetStage()),
         up_axis=space.up_axis,
         primary_path=str(rig.GetPath()),
         colorspace=space.colorspace,
     )
+
+
+def card_distance_of(rig: Usd.Prim) -> float:
+    """Return how far the cards were from the origin when they were written, in stage units."""
+    usual = DISTANCE_M / UsdGeom.GetStageMetersPerUnit(rig.GetStage())
+    return float(rig_data(rig).get(schema.DISTANCE, usual))
 
 
 def dome_images(rig: Usd.Prim) -> list[str]:

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stages of every kind that asglight writes, for `.ci/usd-versions` to open elsewhere.
+
+    python benchmarks/usd_stages.py FOLDER
+
+Every preset's fit of two frames of the built-in environment, every form, format and representation,
+and every option of a stage; each is checked by the own lint and by USD's validators first.
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from pxr import Usd, UsdValidation
+
+from asglight.cli.built_in import environment
+from asglight.fitting.options import FitOptions, Preset
+from asglight.images import write_exr
+from asglight.lobes import Form
+from asglight.shots import fit_shot
+from asglight.usd import Representation, StageOptions, lint_stage, write_edit_layer, write_usd
+from asglight.usd.read import read_usd
+from asglight.usd.read_options import read_options
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+from usd_tracks import moving
+
+FRAMES = (1001, 1002, 1005)
+EVERYTHING = StageOptions("distant", 50.0, 8, 0.01, "Z", "/World/Lights/Env", "ACEScg")
+
+
+def main() -> None:
+    """Write the stages and check them."""
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True)
+    for preset in Preset:
+        fitted(folder, preset)
+    for form in Form:
+        for representation in Representation:
+            path = folder / f"{form}-{representation}.usda"
+            write_usd(moving(FRAMES, form=form), path, representation=representation, dome_height=8)
+    for suffix in ("usda", "usdc", "usd", "usdz"):
+        write_usd(moving(FRAMES), folder / f"everything-{suffix}.{suffix}", **vars(EVERYTHING))
+    tracks = read_usd(folder / "everything-usdc.usdc")
+    lobes = tracks.lobes.clone()
+    lobes.amplitude[:, 0] *= 2
+    target = folder / "edits.usda"
+    write_edit_layer(target, folder / "everything-usdc.usdc", replace(tracks, lobes=lobes), [0])
+    stages = sorted(folder.glob("*.usd*"))
+    findings = [finding for stage in stages for finding in checked(stage)]
+    print(f"UsdValidation and lint: {len(stages)} stages, {len(findings)} findings")
+    sys.exit("\n".join(findings) or 0)
+
+
+def fitted(folder: Path, preset: Preset) -> None:
+    """Fit two frames of the built-in environment."""
+    images = folder / "images"
+    images.mkdir(exist_ok=True)
+    for frame in (1001, 1002):
+        write_exr(images / f"sky.{frame}.exr", environment(frame))
+    options = FitOptions(lobes=4, preset=preset, paper_steps=(20, 10))
+    fit_shot(images, folder / f"{preset}.usdc", options)
+
+
+def checked(path: Path) -> list[str]:
+    """Return what USD's validators and the own lint find in every variant."""
+    found = lint_stage(path)
+    primary = read_options(path).primary_path
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    stage = Usd.Stage.Open(str(path))
+    stage.SetEditTarget(stage.GetSessionLayer())
+    variants = stage.GetPrimAtPath(primary).GetVariantSet("representation")
+    for representation in Representation:
+        variants.SetVariantSelection(str(representation))
+        errors = UsdValidation.ValidationContext(validators).Validate(stage)
+        found += [error.GetErrorAsString() for error in errors]
+    return [f"{path.name}: {text}" for text in found]
+
+
+if __name__ == "__main__":
+    main()
