@@ -29,7 +29,7 @@ from asglight.usd.checks import check_target, check_tracks
 from asglight.usd.digest import author_digest, digest_of_prim
 from asglight.usd.lint import lint_stage
 from asglight.usd.options import STAGE_SUFFIXES
-from asglight.usd.read import read_usd
+from asglight.usd.read import read_stage, read_usd
 from asglight.usd.read_options import dome_images, options_of
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import space_for, to_stage
@@ -156,6 +156,8 @@ def write_edit_layer(
         staging.export(built, place)
         _author_digests(built, place, differing)
         _check_findings(below, place)
+        staging.export(built, place)
+        _check_lights(below, place, edited)
         built.subLayerPaths = [_reference(below.path, path.parent)]
         staging.export(built, place)
         return staging.move_into_place(place, path, textures, author)
@@ -258,6 +260,22 @@ def _check_findings(below: _Source, place: Path) -> None:
     own = set(findings) - set(lint_stage(below.path)) if findings else set()
     if own:
         raise RuntimeError(f"the layer breaks the stage's contract: {sorted(own)}")
+
+
+def _check_lights(below: _Source, place: Path, edited: Collection[int]) -> None:
+    """Check that the edits reach the lights.
+
+    What another program says of a light outside the variants is stronger than a layer in them.
+    """
+    names = {below.tracks.names[index] for index in edited}
+    for change in read_stage(place).changes:
+        prim = change.partition(":")[0]
+        if Sdf.Path(prim).name in names and "switched off" not in change:
+            raise InputError(
+                f"{shown(below.path)}: {change}, by another program, which a layer of edits cannot "
+                f"undo; expected lights as written. Write a stage anew: asglight stitch "
+                f"{shown(below.path)} -o STAGE."
+            )
 
 
 def _check_same(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> None:

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the command line says of a stage is how the stage is written."""
 
+import json
 from pathlib import Path
 
 import pytest
 import sky_files
 import torch
+from pxr import Usd, UsdLux
 
 from asglight import read_usd
 from asglight.cli.main import main
+from asglight.cli.opening import Request, opened
 from asglight.usd.options import StageOptions
 from asglight.usd.read_options import read_options
 
@@ -142,3 +145,31 @@ def test_help_offers_every_option(command: str, capsys: pytest.CaptureFixture[st
     text = capsys.readouterr().out
     assert all(word in text for word in WORDS)
     assert "--primary-path /World/Lights/Env --up-axis Z" in text
+
+
+def test_info_and_view_say_what_another_program_edited(
+    parts: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shot = str(tmp_path / "shot.usda")
+    assert main(["stitch", parts[1], "-o", shot, "--json"]) == 0
+    stage = Usd.Stage.Open(shot)
+    for index in (0, 1):
+        light = UsdLux.LightAPI(stage.GetPrimAtPath(f"/AsgRig/Lobes/lobe_0{index}"))
+        light.CreateExposureAttr(index + 1.0)
+    stage.GetRootLayer().Save()
+    capsys.readouterr()
+    assert main(["info", shot]) == 0
+    out = capsys.readouterr().out
+    assert "edited: /AsgRig/Lobes/lobe_00: light x 2\n" in out
+    assert "edited: /AsgRig/Lobes/lobe_01: light x 4\n" in out
+    assert main(["info", shot, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["changes"] == [
+        "/AsgRig/Lobes/lobe_00: light x 2",
+        "/AsgRig/Lobes/lobe_01: light x 4",
+    ]
+    session = opened(Request(input=shot))
+    assert session.source.status().message == (
+        "lights edited since the fit: /AsgRig/Lobes/lobe_00: light x 2; "
+        "and 1 more, see asglight info"
+    )
+    session.close()

@@ -372,3 +372,21 @@ def test_a_stage_by_others_is_told_by_what_it_holds(lights, found, tmp_path):
     message = str(caught.value)
     assert message.startswith(f"{path}: {found}")
     assert message.endswith("Fit the environment's images: asglight fit INPUT -o STAGE.")
+
+
+def test_a_layer_of_edits_refuses_what_it_could_not_change(tmp_path):
+    path = written(tmp_path)
+    over = edit(path, lambda stage: scale_samples(light(stage).GetIntensityAttr(), 2.0))
+    tracks = read_usd(over)
+    lobes = tracks.lobes.clone()
+    lobes.amplitude[:, :2] *= 5
+    after = replace(tracks, lobes=lobes)
+    with pytest.raises(InputError) as caught:
+        write_edit_layer(tmp_path / "edit.usda", over, after, [0, 1])
+    message = str(caught.value)
+    assert message.startswith(f"{over}: {LOBE}: light x ")
+    assert message.endswith(f"Write a stage anew: asglight stitch {over} -o STAGE.")
+    assert not (tmp_path / "edit.usda").exists()
+    lobes.amplitude[:, 1] = tracks.lobes.amplitude[:, 1]
+    write_edit_layer(tmp_path / "edit.usda", over, after, [0])
+    assert_same(read_usd(tmp_path / "edit.usda"), after)
