@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from asglight.cli import built_in
 from asglight.cli.live_source import LiveJob, LiveSource
 from asglight.errors import InputError
-from asglight.usd.options import STAGE_SUFFIXES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -72,6 +71,8 @@ def stage_of(path: Path) -> Path | None:
     Raises:
         InputError: A folder holds several.
     """
+    from asglight.usd.options import STAGE_SUFFIXES
+
     if path.suffix.lower() in STAGE_SUFFIXES and not path.is_dir():
         return path
     if not path.is_dir():
