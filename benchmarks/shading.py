@@ -28,6 +28,8 @@ ROUGHNESS = (0.05, 0.07, 0.1, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0)
 F0 = (1.0, 0.04)
 YAWS = (0, 90, 180, 270)
 """Degrees by which the lobes are turned about +Y under a view that stays."""
+SAMPLES = 256
+"""Of each sampler of the brute force: 0.06 to 0.2 % of a ball's light, against 8192."""
 VIEW = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
 
 
@@ -38,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--forms", nargs="+", type=Form, default=list(Form), help="lobe forms (all)"
     )
-    parser.add_argument("--points", type=int, default=50, help="points of a ball (50)")
+    parser.add_argument("--points", type=int, default=200, help="points of a ball (200)")
     options = parser.parse_args(argv)
     for form in options.forms:
         print(f"\n| {form} | " + " | ".join(map(str, ROUGHNESS)) + " | Lambert |")
@@ -76,7 +78,7 @@ def errors(lobes: Lobes, count: int) -> Tensor:
     rows = []
     for roughness in ROUGHNESS:
         normals, area = brute_force.ball_points(lobes, roughness, count)
-        parts = brute_force.reflected(lobes, normals, VIEW, roughness, 512)
+        parts = brute_force.reflected(lobes, normals, VIEW, roughness, SAMPLES)
         row = []
         for f0 in F0:
             colour = torch.full((3,), f0, dtype=torch.float64)

@@ -25,6 +25,19 @@ _VIEW = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
 _EDGE = 0.9998
 """Largest squared distance of a point from the ball's centre; beyond, n.v is below 0.014."""
 
+_EVEN = 0.3
+"""Share of the points of a ball that are spread evenly, where nothing is mirrored."""
+
+_BY_LIGHT = 0.8
+"""Share of the others that lobes get by their light; the rest all lobes get alike."""
+
+_DIRECTIONS = 16
+"""Directions of a lobe around whose highlights points are drawn; 4 and 64 are 10 % worse and 5 %
+better."""
+
+_WIDTHS = (0.7, 3.0)
+"""Deviations of bells in alpha: the peak of a GGX distribution, and its tails."""
+
 
 def reflected(
     lobes: Lobes, normals: Tensor, view: Tensor, roughness: float, points: int = POINTS
@@ -43,18 +56,18 @@ def reflected(
     """
     alpha = roughness**2
     draws = _draws(points)
+    single = [lobes.select(torch.tensor([index])) for index in range(lobes.count)]
+    by_lobe = [_lobe_points(lobe, draws) for lobe in single]
     result = torch.empty(lobes.count, len(normals), 2, dtype=torch.float64)
     step = max(1, _CHUNK_ELEMENTS // points)
-    for index in range(lobes.count):
-        lobe = lobes.select(torch.tensor([index]))
-        by_lobe = _lobe_points(lobe, draws)
-        for start in range(0, len(normals), step):
-            part = normals[start : start + step]
-            by_layer = _layer_points(part, view, alpha, draws)
-            total = torch.zeros(len(part), 2, dtype=torch.float64)
-            for taken in (by_layer, by_lobe):
-                total += _sum(lobe, part, view, alpha, taken, points)
-            result[index, start : start + step] = total
+    for start in range(0, len(normals), step):
+        part = normals[start : start + step]
+        by_layer = _layer_points(part, view, alpha, draws)
+        layer = _seen(part, view, alpha, by_layer)  # the same for every lobe
+        for index, lobe in enumerate(single):
+            drawn = by_lobe[index]
+            total = _sum(lobe, drawn, _seen(part, view, alpha, drawn), points)
+            result[index, start : start + step] = total + _sum(lobe, by_layer, layer, points)
     return result
 
 
@@ -81,35 +94,64 @@ def irradiance_over_pi(lobes: Lobes, normals: Tensor, points: int = POINTS) -> T
 
 
 def ball_points(lobes: Lobes, roughness: float, count: int) -> tuple[Tensor, Tensor]:
-    """Spread points over a ball seen along -Z, half of them around its highlights.
+    """Spread points over a ball seen along -Z, most of them where it mirrors the lobes.
+
+    200 points give the error of a ball's light within 9 % of that error (root mean square over
+    nine balls under fits of maps), 100 points within 12 %.
 
     Args:
-        lobes: N lobes, float64.  [N, .]
+        lobes: N lobes, float64, N > 0.  [N, .]
         roughness: Perceptual.
         count: P.
 
     Returns:
         Unit normals [P, 3]; the areas of the ball's image, of radius 1, that they stand for [P].
     """
-    half = torch.cat([lobes.axis_z, -lobes.axis_z]) + _VIEW
-    half = half[half.norm(dim=-1) > 0.1]  # lights straight behind have no highlight
-    centres = torch.nn.functional.normalize(half, dim=-1)[:, :2]
-    scales = roughness**2 * torch.tensor([0.7, 3.0], dtype=torch.float64)
-    centres, scales = centres.repeat(2, 1), scales.repeat_interleave(len(centres))
-    engine = torch.quasirandom.SobolEngine(3, scramble=True, seed=0)
-    draws = engine.draw(4 * count, dtype=torch.float64)
+    centres, scales, weights = _highlights(lobes, roughness)
+    engine = torch.quasirandom.SobolEngine(4, scramble=True, seed=0)
+    draws = engine.draw(8 * count, dtype=torch.float64)
     turn = 2 * math.pi * draws[:, 1]
     around = torch.stack([turn.cos(), turn.sin()], dim=-1)
-    which = (draws[:, 2] * 2 * len(scales)).long() - len(scales)
-    radius = (-2 * torch.log1p(-draws[:, 0])).sqrt() * scales[which.clamp(min=0)]
-    near = centres[which.clamp(min=0)] + radius[:, None] * around
-    places = torch.where((which < 0)[:, None], draws[:, :1].sqrt() * around, near)
-    places = places[places.square().sum(-1) < _EDGE][:count]
+    which = torch.searchsorted(weights.cumsum(0), draws[:, 2].contiguous())
+    which = which.clamp(max=len(weights) - 1)  # the sum may round to less than 1
+    radius = (-2 * torch.log1p(-draws[:, 0])).sqrt() * scales[which]
+    near = centres[which] + radius[:, None] * around
+    places = torch.where((draws[:, 3] < _EVEN)[:, None], draws[:, :1].sqrt() * around, near)
+    kept = (places.square().sum(-1) < _EDGE).nonzero()[:count, 0]
+    places = places[kept]
     distance2 = (places[:, None] - centres).square().sum(-1)
     bells = torch.exp(-distance2 / (2 * scales**2)) / (2 * math.pi * scales**2)
-    density = len(places) * (0.5 / math.pi + 0.5 * bells.mean(-1))
+    density = _EVEN / math.pi + (1 - _EVEN) * (bells * weights).sum(-1)
     z = (1 - places.square().sum(-1)).sqrt()
-    return torch.cat([places, z[:, None]], dim=-1), 1 / density
+    return torch.cat([places, z[:, None]], dim=-1), 1 / (density * (kept[-1] + 1))
+
+
+def _highlights(lobes: Lobes, roughness: float) -> tuple[Tensor, Tensor, Tensor]:
+    """Return round bells on a ball's image that together are about what it mirrors.
+
+    Around the half vectors of some directions of each lobe, as a long lobe is mirrored as a streak;
+    as wide as the layer and the lobe's narrow side are together, and as the layer's tails. A lobe
+    counts by its light.
+
+    Returns:
+        Centres [B, 2], standard deviations [B], weights that sum to 1 [B].
+    """
+    light = asg.integral(lobes) * lobes.amplitude.sum(-1)
+    moments = asg.moments(lobes)
+    spread2 = (moments.second[:, :2] / moments.zeroth[:, None]).amin(-1)
+    weight = _BY_LIGHT * light / light.sum() + (1 - _BY_LIGHT) / lobes.count
+    found = []
+    for index in range(lobes.count):
+        half = _lobe_points(lobes.select(torch.tensor([index])), _draws(_DIRECTIONS)) + _VIEW
+        half = half[half.norm(dim=-1) > 0.1]  # lights straight behind have no highlight
+        centres = torch.nn.functional.normalize(half, dim=-1)[:, :2]
+        for width in _WIDTHS:
+            # A half vector moves half as far as the light.
+            scale = (0.25 * spread2[index] + (width * roughness**2) ** 2).sqrt()
+            each = weight[index] / max(len(half), 1)
+            found.append((centres, scale.expand(len(half)), each.expand(len(half))))
+    centres, scales, weights = (torch.cat(parts) for parts in zip(*found, strict=True))
+    return centres, scales, weights / weights.sum()
 
 
 def _draws(points: int) -> Tensor:
@@ -117,21 +159,38 @@ def _draws(points: int) -> Tensor:
     return torch.quasirandom.SobolEngine(3, scramble=True, seed=0).draw(points, dtype=torch.float64)
 
 
-def _sum(
-    lobe: Lobes, normals: Tensor, view: Tensor, alpha: float, lights: Tensor, points: int
-) -> Tensor:
-    """Return one sampler's share of the integral, in the parts A and B.  [P, 2]."""
+def _seen(normals: Tensor, view: Tensor, alpha: float, lights: Tensor) -> tuple[Tensor, ...]:
+    """Return what of the integrand the lobe does not decide.
+
+    Args:
+        normals: [P, 3]
+        view: [3]
+        alpha: Roughness squared.
+        lights: Directions.  [S, 3] or [P, S, 3]
+
+    Returns:
+        f n.l, the density of `_layer_points` per steradian, Schlick's (1 - v.h)^5.  [P or 1, S]
+    """
     half = torch.nn.functional.normalize(lights + view, dim=-1)
-    n_l = torch.einsum("...sk,pk->ps" if lights.ndim == 2 else "psk,pk->ps", lights, normals)
+    n_l, chord2 = torch.zeros(()), torch.zeros(())
+    # By components: sums over a last dimension of 3 take most of the time.
+    for n, w, h in zip(normals.mT[..., None], *(a.unbind(-1) for a in (lights, half)), strict=True):
+        n_l = n_l + n * w
+        chord2 = chord2 + (n - h).square()
     n_v = (normals @ view)[:, None]
-    chord2 = (normals[:, None] - half).square().sum(-1)  # keeps the digits that 1 - cos^2 loses
+    # sin^2 from the chord keeps the digits that 1 - cos^2 loses.
     distribution = ggx.distribution(chord2 * (1 - chord2 / 4), alpha)
     masked = 2 * n_v / (n_v + (alpha**2 + (1 - alpha**2) * n_v * n_v).sqrt())
-    density = masked * distribution / (4 * n_v) + _lobe_density(lobe, lights)
     cosine = n_l.clamp(min=0)
     kernel = distribution * ggx.visibility(n_v, cosine, alpha) * cosine
-    taken = kernel * _values(lobe, lights) / (points * density)
-    grazing = (1 - half @ view).clamp(0, 1) ** 5
+    grazing = (1 - half @ view).clamp(0, 1)
+    return kernel, masked * distribution / (4 * n_v), grazing.square().square() * grazing
+
+
+def _sum(lobe: Lobes, lights: Tensor, seen: tuple[Tensor, ...], points: int) -> Tensor:
+    """Return one sampler's share of the integral, in the parts A and B.  [P, 2]."""
+    kernel, density, grazing = seen
+    taken = kernel / (points * (density + _lobe_density(lobe, lights))) * _values(lobe, lights)
     return torch.stack([(taken * (1 - grazing)).sum(-1), (taken * grazing).sum(-1)], dim=-1)
 
 

@@ -105,6 +105,19 @@ def test_brute_force_is_the_sum_over_a_grid(form: Form, roughness: float) -> Non
     torch.testing.assert_close(found, expected, rtol=4e-3, atol=1e-3 * float(expected.max()))
 
 
+@pytest.mark.parametrize("form", Form)
+def test_points_of_a_ball_find_what_it_mirrors(form: Form) -> None:
+    # Of a mirror ball seen from far away, dw = 4 dA: its image holds a quarter of all light.
+    lobes = environment(form, seed=5)
+    flux = (asg.integral(lobes)[:, None] * lobes.amplitude).sum(0)
+    normals, area = brute_force.ball_points(lobes, 0.05, 800)
+    assert float(area.sum()) == pytest.approx(math.pi, rel=0.03)
+    parts = brute_force.reflected(lobes, normals, VIEW, 0.05, POINTS)
+    light = torch.einsum("npk,nc,p->c", parts, lobes.amplitude, area)
+    # 1.6 % at most; the albedo is 1 to 3e-5.
+    torch.testing.assert_close(light, flux / 4, rtol=0.03, atol=0)
+
+
 @pytest.mark.parametrize("roughness", CEILINGS)
 @pytest.mark.parametrize("form", Form)
 def test_closed_form_follows_brute_force(form: Form, roughness: float) -> None:
