@@ -24,10 +24,10 @@ from asglight.images.output import written_beside
 from asglight.lobes import Lobes, LobeTracks
 from asglight.shader_files import enum_number, included_lines
 from asglight.shading import ggx_lobes
-from asglight.shading.ggx_layer import SHARE_MOVES
-from asglight.shading.ggx_lobes_constants import KERNEL, SHARE
+from asglight.shading.ggx_layer import window_shares
+from asglight.shading.ggx_lobes_constants import KERNEL
 from asglight.shading.glsl_constants import CONSTANTS
-from asglight.shading.sheets import Sheets, amplitudes, sheets
+from asglight.shading.sheets import Sheets, Window, amplitudes, sheets
 
 ENTRIES = tuple(
     f"asglight_{name}" for name in ("evaluate", "irradiance", "albedo", "reflection", "shade")
@@ -198,7 +198,7 @@ def _functions(lobes: Lobes, made: Sheets) -> str:
     scalars = {**CONSTANTS, **_scene_constants(lobes, made)}
     constants = [
         *(glsl_text.Block(name, _scalar(name, value)) for name, value in scalars.items()),
-        *(glsl_text.Block(name, _array(name, rows)) for name, rows in _fitted().items()),
+        *(glsl_text.Block(name, _array(name, rows)) for name, rows in _fitted(made.window).items()),
     ]
     chosen = glsl_text.reached([*constants, *functions], ENTRIES)
     text = "\n".join(f"{block.text}\n" for block in chosen)
@@ -215,19 +215,20 @@ def _scene_constants(lobes: Lobes, made: Sheets) -> Mapping[str, float]:
         # Of a sheet of sharpness 1, which the form decides.
         "ASG_DISC_VARIANCE": float(made.disc_variance[0, 0, 0] * lobes.sharpness[0, 0, 0]),
         "ASG_DISC": ggx_lobes.DISC_SCALES[made.window],
-        "ASG_SHARE_MOVE": SHARE_MOVES[made.window],
         "ASG_DEGREES": len(KERNEL),
         "ASG_ALBEDO_TERMS": albedo.TERMS,
         "ASG_ALBEDO_COS_VIEW_MIN": albedo.COS_VIEW_MIN,
     }
 
 
-def _fitted() -> Mapping[str, NDArray]:
-    """Return the constants that were fitted, once for all scenes.  [., 4] or [.]."""
+def _fitted(window: Window) -> Mapping[str, NDArray]:
+    """Return the constants that were fitted, for a scene of one window.  [., 4] or [.]."""
     white, grazing = albedo.polynomials()
+    share = window_shares(window)
     return {
         "ASG_KERNEL": np.array(KERNEL).reshape(-1, 4),
-        "ASG_SHARE": np.array(SHARE),
+        "ASG_SHARE": share[:, :4],
+        "ASG_GAIN": np.pad(share[:, 4:], ((0, 0), (0, 1))),
         "ASG_ALBEDO_WHITE": white.ravel(),
         "ASG_ALBEDO_GRAZING": grazing.ravel(),
     }

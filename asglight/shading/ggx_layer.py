@@ -9,18 +9,20 @@ Nothing here depends on the point of a surface: a viewer computes it once for ea
 import math
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from asglight.shading.ggx_lobes_constants import KERNEL, MOVE, SHARE
+from asglight.shading.ggx_lobes_constants import KERNEL, SHARE
 from asglight.shading.rectified import cosine
 from asglight.shading.sheets import Sheets, Window
 
 ROUGHNESS_MIN, ROUGHNESS_MAX = 0.05, 1.0
 """Where the constants are fitted; beyond, the nearer end's are taken."""
 
-SHARE_MIN = 1e-3
-"""A smaller share is taken as 0, so that a shader can leave the branch out."""
+SHARE_MIN = 2e-3
+"""A smaller share is taken as 0, so that a shader can leave the branch out: half a
+step of 8 bits."""
 
 HALF_MIN = 1e-4
 """Least |view + axis_z|; for a light straight behind the surface there is no half vector."""
@@ -28,11 +30,15 @@ HALF_MIN = 1e-4
 UNSHARP_MIN = 1e-6
 """Least 1 - alpha^2: at a roughness of 1 the distribution of slopes is infinitely wide."""
 
+GAIN_REACH = 2.0
+"""Narrowness beyond which the gain stays: the light is 10 times as wide as the layer, or as
+narrow."""
+
 _NODES, _NODE_WEIGHTS = (-math.sqrt(3), 0.0, math.sqrt(3)), (1 / 6, 2 / 3, 1 / 6)
 """For the mean of a function of a normal variable: exact for polynomials up to degree 5."""
 
-SHARE_MOVES = {Window.COSINE: 0.0, Window.STEP: MOVE[0], Window.NONE: MOVE[1]}
-"""What is added to the centre of `share`."""
+_MOVES = {Window.STEP: 7, Window.NONE: 8}
+"""Which number of `Layer.share` is added to the centre for a window."""
 
 
 class Layer(NamedTuple):
@@ -41,7 +47,8 @@ class Layer(NamedTuple):
     Attributes:
         alpha: Roughness squared.  [...]
         kernel: Cubic polynomials of n.v, from the constant on.  [..., 4 K, 4]
-        share: Centre, log slope, weight of the ratio, log gain.  [..., 4]
+        share: Centre, log slope, weights of the ratio and of v.h; log gain and its slope; log of
+            what `kept` loses; what windows STEP and NONE add to the centre.  [..., 9]
     """
 
     alpha: Tensor
@@ -79,7 +86,7 @@ def layer_from(roughness: Tensor, kernel: Tensor, share: Tensor) -> Layer:
     Args:
         roughness: [...]
         kernel: Coefficients by degree.  [D, 4 K, 4]
-        share: Coefficients by degree.  [D, 4]
+        share: Coefficients by degree.  [D, 9]
     """
     inside = roughness.clamp(ROUGHNESS_MIN, ROUGHNESS_MAX)
     u = 2 * torch.log(inside / ROUGHNESS_MIN) / math.log(ROUGHNESS_MAX / ROUGHNESS_MIN) - 1
@@ -92,26 +99,61 @@ def layer_from(roughness: Tensor, kernel: Tensor, share: Tensor) -> Layer:
     )
 
 
+def window_shares(window: Window) -> np.ndarray:
+    """Return the coefficients of `Layer.share` with the move of a window in the centre.  [D, 7]."""
+    fitted = np.array(SHARE)
+    if window in _MOVES:
+        fitted[:, 0] += fitted[:, _MOVES[window]]
+    return fitted[:, :7]
+
+
 def slopes(alpha: Tensor) -> Tensor:
     """Return P, what the distribution of slopes is as wide as: alpha^2 / (1 - alpha^2).  [...]."""
     alpha2 = alpha * alpha
     return alpha2 / (1 - alpha2).clamp(min=UNSHARP_MIN)
 
 
-def share(spread: Sheets, layer: Layer, moved: float | Tensor) -> Tensor:
+def share(spread: Sheets, view: Tensor, layer: Layer) -> Tensor:
     """Return the share of `narrow`; exactly 0 or 1 where it is within SHARE_MIN.
 
-    It rises with log(s P) for P of `narrow`, which says how narrow the sheet is to the layer; at a
-    roughness of 1, where only `narrow` is nearly exact, P has no bound and the share is 1.
-    `moved` is the `SHARE_MOVES` of the window. The shapes of
-    sheets and layer broadcast.  [..., M].
+    The shapes of sheets and layer broadcast.  [..., M].
     """
-    centre, log_slope, by_ratio, _ = layer.share.unbind(-1)
-    vx, vy = spread.disc_variance.unbind(-1)
-    narrowness = 0.5 * slopes(layer.alpha) / (vx * vy).sqrt()  # s P
-    place = torch.log10(narrowness) + by_ratio * torch.log10(vx / vy).abs()
-    part = torch.sigmoid(torch.exp(log_slope) * (place - centre - moved))
+    part = torch.sigmoid(torch.exp(layer.share[..., 1]) * _narrowness(spread, view, layer))
     return torch.where(part < SHARE_MIN, 0.0, torch.where(part > 1 - SHARE_MIN, 1.0, part))
+
+
+def kept(spread: Sheets, view: Tensor, layer: Layer) -> Tensor:
+    """Return how much of `broad` is left of a light behind the ball.
+
+    Half or more of what its Gaussians take from there lies below the surface's horizon, where they
+    do not end. It is much where v.h, the least n.v and n.l of a highlight, is less than alpha.
+    [..., M].
+    """
+    lost = torch.exp(layer.share[..., 6]) * layer.alpha * layer.alpha
+    return -torch.expm1(-_cos_half2(spread, view) / lost)
+
+
+def _cos_half2(spread: Sheets, view: Tensor) -> Tensor:
+    """Return the mean of (v.h)^2 over sheets, which is (1 + v.w) / 2.  [..., M]."""
+    mean = 0.5 + 0.5 * spread.mean * _dot(spread.axes[..., 2, :], view)
+    return mean.clamp(min=HALF_MIN**2)
+
+
+def _narrowness(spread: Sheets, view: Tensor, layer: Layer) -> Tensor:
+    """Return how narrow sheets are to the layer: 0 where both approximations count the same.
+
+    It rises with log(s P) for P of `narrow`; at a roughness of 1, where only `narrow` is nearly
+    exact, P has no bound. Half vectors move by 1 / (2 v.h) of the light across the plane of both,
+    so a light behind the ball is wider than it is in front of it; v.h is of the light's mean.
+    [..., M].
+    """
+    centre, _, by_ratio, by_tilt, *_ = layer.share.unbind(-1)
+    if spread.window in _MOVES:
+        centre = centre + layer.share[..., _MOVES[spread.window]]
+    vx, vy = spread.disc_variance.unbind(-1)
+    narrow = torch.log10(0.5 * slopes(layer.alpha) / (vx * vy).sqrt())  # s P
+    tilted = 0.5 * torch.log10(_cos_half2(spread, view))
+    return narrow + by_ratio * torch.log10(vx / vy).abs() + by_tilt * tilted - centre
 
 
 def tilt(spread: Sheets, view: Tensor, layer: Layer) -> Tilt:
@@ -124,7 +166,8 @@ def tilt(spread: Sheets, view: Tensor, layer: Layer) -> Tilt:
     length = total.norm(dim=-1, keepdim=True).clamp(min=HALF_MIN)
     # A light straight behind has its half vectors across the view, one as good as another.
     half = torch.where(length > HALF_MIN, total / length, axis_x)
-    gain = torch.exp(layer.share[..., 3])
+    narrowness = _narrowness(spread, view, layer).clamp(-GAIN_REACH, GAIN_REACH)
+    gain = torch.exp(layer.share[..., 4] + layer.share[..., 5] * narrowness)
     deviations = (2 * gain[..., None] * spread.variance).sqrt() / length
     slope_x, slope_y = (
         (axis - half * _dot(half, axis)[..., None]) * deviations[..., i : i + 1]

@@ -26,7 +26,7 @@ from torch import Tensor
 
 from asglight.lobes import Lobes
 from asglight.shading import ggx
-from asglight.shading.ggx_layer import SHARE_MOVES, Layer, Tilt, layer, share, slopes, tilt
+from asglight.shading.ggx_layer import Layer, Tilt, kept, layer, share, slopes, tilt
 from asglight.shading.ggx_lobes_constants import DISC, KERNEL
 from asglight.shading.rectified import cosine, rectified, widened
 from asglight.shading.sheets import Sheets, Window, amplitudes, sheets
@@ -133,11 +133,12 @@ def reflected(
     spread = made.over_points()
     seen = surface(normals, view)
     tilted = tilt(spread, view, layer)
-    part = share(spread, layer, SHARE_MOVES[made.window])[..., None]
+    part = share(spread, view, layer)[..., None]
     fresnel = f0 + (1 - f0) * tilted.grazing[..., None]
     mirrored = narrow(spread, tilted, seen, layer)[..., None] * fresnel
     blurred = broad(spread, kernel(seen, layer), DISC_SCALES[made.window])[..., None]
-    return part * mirrored + (1 - part) * blurred * (albedo[:, :1] * f0 + albedo[:, 1:])
+    left = (1 - part) * kept(spread, view, layer)[..., None]
+    return part * mirrored + left * blurred * (albedo[:, :1] * f0 + albedo[:, 1:])
 
 
 def surface(normals: Tensor, view: Tensor) -> Surface:

@@ -8,7 +8,14 @@ from asglight.shader_files import enum_defines
 from asglight.shading import ggx_layer, ggx_lobes
 from asglight.shading.sheets import Window
 
-_GGX_LAYER = ("ROUGHNESS_MIN", "ROUGHNESS_MAX", "SHARE_MIN", "HALF_MIN", "UNSHARP_MIN")
+_GGX_LAYER = (
+    "ROUGHNESS_MIN",
+    "ROUGHNESS_MAX",
+    "SHARE_MIN",
+    "HALF_MIN",
+    "UNSHARP_MIN",
+    "GAIN_REACH",
+)
 
 _GGX_LOBES = (
     *("COS_VIEW_MIN", "SIN_VIEW_MIN", "OPPOSITE_MIN", "PROBABILITY_MIN"),

@@ -207,7 +207,7 @@ def _packed(
     roughness = [_LAMBERTIAN if ball.roughness is None else ball.roughness for ball in balls]
     layer = ggx_layer.layer(torch.tensor(roughness, dtype=torch.float64)[:, None])  # [B, 1]
     tilt = ggx_layer.tilt(made, _VIEW, layer)
-    share = ggx_layer.share(made, layer, ggx_layer.SHARE_MOVES[made.window])  # [B, M]
+    share = ggx_layer.share(made, _VIEW, layer)  # [B, M]
     sorted_runs = Runs(
         torch.arange(count).expand(len(balls), -1),
         torch.full((len(balls),), count),
@@ -218,7 +218,8 @@ def _packed(
     shape = (len(balls), _MAX_SHEETS)
     sheet, ggx_sheet = np.zeros(shape, _SHEET), np.zeros(shape, _GGX_SHEET)
     _pack_sheets(made, light, tilt, sorted_runs.order, sheet[:, :count])
-    _pack_ggx_sheets(made, tilt, share, sorted_runs.order, ggx_sheet[:, :count])
+    kept = ggx_layer.kept(made, _VIEW, layer)
+    _pack_ggx_sheets(made, tilt, share, kept, sorted_runs.order, ggx_sheet[:, :count])
     return sheet, ggx_sheet, _packed_balls(made, layer, balls, cells, sorted_runs)
 
 
@@ -235,11 +236,16 @@ def _pack_sheets(
 
 
 def _pack_ggx_sheets(
-    made: Sheets, tilt: ggx_layer.Tilt, share: Tensor, order: Tensor, ggx_sheet: np.ndarray
+    made: Sheets,
+    tilt: ggx_layer.Tilt,
+    share: Tensor,
+    kept: Tensor,
+    order: Tensor,
+    ggx_sheet: np.ndarray,
 ) -> None:
     """Pack what the layer needs; weights are relative to `light`, which holds integral over pi."""
     own = ggx_lobes.disc_mean(made.disc_variance, ggx_lobes.DISC_SCALES[made.window])
-    broad = (1 - share) * own.prod(-1).sqrt() * math.pi / made.integral
+    broad = (1 - share) * kept * own.prod(-1).sqrt() * math.pi / made.integral
     each = order[..., None].expand(-1, -1, 3)
     ggx_sheet["axis_x"] = made.axes[order, 0]
     ggx_sheet["disc_variance_x"], ggx_sheet["disc_variance_y"] = made.disc_variance[order].unbind(2)

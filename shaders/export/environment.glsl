@@ -8,7 +8,8 @@ struct AsgLayer {
     float roughness;
     float alpha;
     vec4 kernel[4 * BROAD_TERMS];
-    vec4 share;
+    vec4 share;  // centre for the scene's window, log slope, weights of the ratio and of v.h
+    vec4 gain;   // log gain and its slope, log of what ggx_lobes_kept loses
 };
 
 // Return the value of lobe i for amplitude 1.
@@ -56,6 +57,7 @@ AsgLayer asg_layer(float roughness) {
     layer.roughness = r;
     layer.alpha = r * r;
     layer.share = ASG_SHARE[0];
+    layer.gain = ASG_GAIN[0];
     for (int k = 0; k < 4 * BROAD_TERMS; ++k) {
         layer.kernel[k] = ASG_KERNEL[k];
     }
@@ -64,6 +66,7 @@ AsgLayer asg_layer(float roughness) {
     float basis = u;
     for (int d = 1; d < ASG_DEGREES; ++d) {
         layer.share += basis * ASG_SHARE[d];
+        layer.gain += basis * ASG_GAIN[d];
         for (int k = 0; k < 4 * BROAD_TERMS; ++k) {
             layer.kernel[k] += basis * ASG_KERNEL[d * 4 * BROAD_TERMS + k];
         }
@@ -83,24 +86,31 @@ vec3 asg_layer_radiance(vec3 normal, vec3 view, AsgLayer layer, vec3 f0, vec3 al
     for (int i = 0; i < ASG_SHEETS; ++i) {
         vec3 axis_z = asg_axis_z[i].xyz;
         vec2 disc_variance = ASG_DISC_VARIANCE / vec2(asg_axis_x[i].w, asg_axis_y[i].w);
-        float part = ggx_lobes_share(disc_variance, layer.alpha, layer.share, ASG_SHARE_MOVE);
+        vec2 seen_cosine = asg_cosine(i, view);
+        float cos_half2 = ggx_lobes_cos_half2(seen_cosine.x);
+        float narrowness =
+            ggx_lobes_narrowness(disc_variance, cos_half2, layer.alpha, layer.share);
+        float part = ggx_lobes_share(narrowness, layer.share.y);
         GgxSheet sheet = GgxSheet(vec4(asg_axis_x[i].xyz, disc_variance.x),
                                   vec4(0.0, 0.0, 0.0, disc_variance.y), vec4(0.0), vec4(0.0));
         if (part > 0.0) {
             vec2 deviation = sqrt(asg_variance[i].xy);
+            float log_gain =
+                layer.gain.x + layer.gain.y * clamp(narrowness, -GAIN_REACH, GAIN_REACH);
             GgxLobesTilt tilt = ggx_lobes_tilt(asg_axis_x[i].xyz * deviation.x,
                                                asg_axis_y[i].xyz * deviation.y, axis_z, view,
-                                               layer.share.w);
+                                               log_gain);
             sheet.half_vector.xyz = tilt.half_vector;
             sheet.slope_x.xyz = tilt.slope_x;
             sheet.slope_y.xyz = tilt.slope_y;
             float value = ggx_lobes_narrow(sheet, seen, layer.alpha, asg_cosine(i, normal));
-            float grazing = ggx_lobes_grazing(asg_cosine(i, view), layer.alpha);
+            float grazing = ggx_lobes_grazing(seen_cosine, layer.alpha);
             mirrored += asg_light[i].rgb * (PI * asg_light[i].w * part * value)
                 * (f0 + (1.0 - f0) * grazing);
         }
         if (part < 1.0) {
-            float value = ggx_lobes_broad(sheet, axis_z, kernel, ASG_WINDOW, ASG_DISC);
+            float value = ggx_lobes_broad(sheet, axis_z, kernel, ASG_WINDOW, ASG_DISC)
+                * ggx_lobes_kept(cos_half2, layer.alpha, layer.gain.z);
             blurred += asg_light[i].rgb * (asg_variance[i].w * (1.0 - part) * value);
         }
     }

@@ -47,15 +47,29 @@ float ggx_lobes_grazing(vec2 cosine, float alpha) {
     return dot(weights, sine2 * sine2 * sine) / dot(weights, vec3(1.0));
 }
 
-// Return the share of ggx_lobes_narrow, exactly 0 or 1 where it is within SHARE_MIN. `fitted` holds
-// centre, log slope and weight of the ratio; `moved` is the SHARE_MOVES of the window.
-float ggx_lobes_share(vec2 disc_variance, float alpha, vec4 fitted, float moved) {
+// Return the mean of (v.h)^2 over a sheet; `cos_view` is the mean of v.w.
+float ggx_lobes_cos_half2(float cos_view) {
+    return max(0.5 + 0.5 * cos_view, HALF_MIN * HALF_MIN);
+}
+
+// Return how narrow a sheet is to the layer: 0 where both approximations count the same. `fitted`
+// holds the centre for the sheet's window, log slope, weights of the ratio and of v.h.
+float ggx_lobes_narrowness(vec2 disc_variance, float cos_half2, float alpha, vec4 fitted) {
     const float TO_LOG10 = 0.434294481903252;
     float alpha2 = alpha * alpha;
     float slopes = alpha2 / max(1.0 - alpha2, UNSHARP_MIN);
-    float narrowness = 0.5 * slopes * inversesqrt(disc_variance.x * disc_variance.y);
-    float ratio = abs(log(disc_variance.x / disc_variance.y)) * TO_LOG10;
-    float place = log(narrowness) * TO_LOG10 + fitted.z * ratio;
-    float part = 1.0 / (1.0 + exp(exp(fitted.y) * (fitted.x + moved - place)));
+    float narrow = log(0.5 * slopes * inversesqrt(disc_variance.x * disc_variance.y));
+    float ratio = abs(log(disc_variance.x / disc_variance.y));
+    return (narrow + fitted.z * ratio + fitted.w * 0.5 * log(cos_half2)) * TO_LOG10 - fitted.x;
+}
+
+// Return the share of ggx_lobes_narrow, exactly 0 or 1 where it is within SHARE_MIN.
+float ggx_lobes_share(float narrowness, float log_slope) {
+    float part = 1.0 / (1.0 + exp(-exp(log_slope) * narrowness));
     return part < SHARE_MIN ? 0.0 : part > 1.0 - SHARE_MIN ? 1.0 : part;
+}
+
+// Return how much of ggx_lobes_broad is left of a light behind the ball.
+float ggx_lobes_kept(float cos_half2, float alpha, float log_lost) {
+    return 1.0 - exp(-cos_half2 / (exp(log_lost) * alpha * alpha));
 }

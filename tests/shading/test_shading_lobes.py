@@ -253,6 +253,25 @@ def test_a_light_behind_the_ball_makes_no_bright_dot_in_its_middle(form: Form) -
     torch.testing.assert_close(shown, shown[3:].expand(4, 3), rtol=2e-3, atol=1e-6)
 
 
+@pytest.mark.parametrize("form", [Form.ASG, Form.SG])  # a bingham lobe has a twin in front
+@pytest.mark.parametrize(("roughness", "sharpness"), [(0.15, 1e4), (0.25, 1.6e3), (0.4, 300.0)])
+def test_a_lamp_straight_behind_stays_behind(
+    form: Form, roughness: float, sharpness: float
+) -> None:
+    # About as wide as the reflection, where `broad` alone shows as much of it as of any lamp.
+    axes = frames.axes_around(-VIEW[None])
+    lobes = Lobes(axes, torch.full((1, 2), sharpness).double(), torch.ones(1, 3).double(), form)
+    flux = float(asg.integral(lobes)[0])
+    x = ((torch.arange(400) + 0.5) / 400).double().sqrt()  # rings of the same area
+    normals = torch.stack([x, 0 * x, (1 - x * x).sqrt()], dim=-1)
+    truth = brute_force.reflected(lobes, normals, VIEW, roughness, POINTS).sum(-1)[0]
+    shown = ggx_lobes.radiance(lobes, normals, VIEW, roughness, torch.ones(3).double())[:, 0]
+    mirrored = flux / 4 / math.pi  # what a mirror ball shows of a lamp that is anywhere else
+    assert float(truth.mean()) < 0.04 * mirrored
+    # `ggx_layer.kept` knows only how far behind a lamp is; without it, 12 to 44 % of that.
+    assert float((shown - truth).abs().mean()) < 0.1 * mirrored
+
+
 def test_no_lobes_show_nothing() -> None:
     none = environment(Form.BINGHAM, seed=0).select(torch.arange(0))
     shown = ggx_lobes.radiance(none, VIEW[None], VIEW, 0.3, torch.ones(3).double())
