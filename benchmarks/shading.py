@@ -4,8 +4,8 @@
 For every map and form, in percent: the error of a ball's light relative to it, the whole ball
 together, at Fresnel reflectance 1 (in brackets: F0 = 0.04, the layer alone), and of a Lambertian
 ball; first the worst of the views, which look at the map from all around, then their mean. No map
-has been used to fit the constants. Five minutes for ten maps and three forms
-on an idle core.
+has been used to fit the constants. Five minutes for ten maps and three
+forms on an idle core.
 
     python benchmarks/shading.py --maps ../shared/hdri
 """
