@@ -17,7 +17,7 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 	@PYTHON=$(PYTHON) sh .ci/system-libraries
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[view,farm,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[view,farm,report,dev]'
 	@touch $@
 
 demo: setup      ## the main job on the built-in sequence, ending in pictures (demo-output/)

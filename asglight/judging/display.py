@@ -6,6 +6,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from asglight.shading.balls import coverage
 from asglight.sphere import latlong
 
 _MIDDLE_GREY = 0.18
@@ -40,6 +41,22 @@ def exposure_stops(references: Tensor) -> float:
     if median <= 0:
         median = float((level * weight).sum() / weight.sum())
     return float(np.log2(_MIDDLE_GREY / median)) if median > 0 else 0.0
+
+
+def ball_exposure_stops(balls: Tensor) -> float:
+    """Return the stops that bring the median of the last ball, the roughest, to a light grey.
+
+    It is a matt white ball, which a photographer puts a stop above middle grey.
+
+    Args:
+        balls: Rendered under references.  [K, R, S, S, 3]
+
+    Returns:
+        Stops; 0 for balls without light.
+    """
+    inside = coverage(balls.shape[2]) > 0.99
+    level = float(luminance(balls[:, -1])[:, inside].median())
+    return float(np.log2(2 * _MIDDLE_GREY / level)) if level > 0 else 0.0
 
 
 def view_transform(radiance: Tensor, stops: float) -> NDArray[np.uint8]:

@@ -19,7 +19,12 @@ from matplotlib.image import AxesImage
 from torch import Tensor
 
 from asglight.errors import InputError
-from asglight.judging.display import exposure_stops, luminance, view_transform
+from asglight.judging.display import (
+    ball_exposure_stops,
+    exposure_stops,
+    luminance,
+    view_transform,
+)
 from asglight.judging.layout import FAINT, TEXT, Grid, save, sheet
 from asglight.judging.outlines import draw_lobes
 from asglight.lobes import Lobes
@@ -81,7 +86,7 @@ def contact_sheet(
         reference, fit = references[index].cpu(), fits[index].cpu()
         for column, radiance in enumerate((reference, fit)):
             axes = grid.axes(row, column)
-            _show(axes, view_transform(radiance, stops))
+            show(axes, view_transform(radiance, stops))
             if column == 1:
                 draw_lobes(axes, lobes[index].to("cpu"))
         image = _show_difference(grid.axes(row, 2), reference, fit)
@@ -125,7 +130,7 @@ def ball_sheet(
             f"[{len(frames)}, {len(roughness)}, S, S, 3]."
         )
     shown = _spread(len(frames), BALL_FRAMES_MAX)
-    stops = _ball_exposure(reference_balls)
+    stops = ball_exposure_stops(reference_balls)
     size, step, top, block = 192, 212, 128, 464
     note = f"exposure {stops:+.1f} stops, sRGB"
     figure = sheet(max(148 + step * len(roughness), 900), top + block * len(shown), title, note)
@@ -134,7 +139,7 @@ def ball_sheet(
         grid = Grid(figure, left=140, top=offset, cell=(size, size), step=(step, size))
         balls = (reference_balls, fit_balls)[row % 2][index].cpu()
         for column in range(len(roughness)):
-            _show(grid.axes(0, column), _cut_out(balls[column], stops))
+            show(grid.axes(0, column), cut_out(balls[column], stops))
             if row % 2:
                 error = _relative_error(fit_balls[index, column], reference_balls[index, column])
                 grid.caption(0, column, f"{100 * error:.1f} %", centred=True)
@@ -157,7 +162,7 @@ def _spread(count: int, most: int) -> list[int]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
 
 
-def _show(axes: Axes, picture: np.ndarray) -> None:
+def show(axes: Axes, picture: np.ndarray) -> None:
     """Show a picture so that data coordinates are u, v in [0, 1] from the top left corner."""
     axes.imshow(picture, extent=(0, 1, 1, 0), aspect="auto", interpolation="lanczos")
 
@@ -196,17 +201,7 @@ def _caption(errors: Mapping[str, Sequence[float]] | None, index: int) -> str:
     )
 
 
-def _ball_exposure(balls: Tensor) -> float:
-    """Return the stops that bring the median of the last ball, the roughest, to a light grey.
-
-    It is a matt white ball, which a photographer puts a stop above middle grey.
-    """
-    inside = coverage(balls.shape[2]) > 0.99
-    level = float(luminance(balls[:, -1])[:, inside].median())
-    return float(np.log2(0.36 / level)) if level > 0 else 0.0
-
-
-def _cut_out(ball: Tensor, stops: float) -> np.ndarray:
+def cut_out(ball: Tensor, stops: float) -> np.ndarray:
     """Return a ball as sRGB with its coverage as alpha.  [S, S, 3] -> [S, S, 4]."""
     alpha = coverage(ball.shape[0])
     colour = view_transform(ball / alpha.clamp(min=1e-3)[..., None], stops)
