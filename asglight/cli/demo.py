@@ -9,12 +9,11 @@ import torch
 from torch import Tensor
 
 from asglight.cli import evaluate, fit
+from asglight.cli.folders import made_folder
 from asglight.cli.parser import add_json_option
 from asglight.cli.printing import print_json
 from asglight.cli.progress import Reporter, reporter
-from asglight.errors import InputError
 from asglight.images import Sequence, open_sequence, write_exr
-from asglight.images.message import shown
 from asglight.judging.metrics import SequenceErrors
 from asglight.lobes import LobeTracks, texels
 from asglight.shots import fit_shot
@@ -44,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Make the sequence, fit it, judge it, draw it, and list what was written."""
     folder = made_folder(Path(arguments.output))
+    made_folder(folder / "sky")
     with reporter() as report:
         sequence = write_sky(folder, report)
         stage = folder / "demo.usda"
@@ -59,22 +59,6 @@ def run(arguments: argparse.Namespace) -> int:
     text = [evaluate.errors_table(errors), "", *fit.summary_lines(document), "", *listed]
     print("\n".join(text))
     return 0
-
-
-def made_folder(folder: Path) -> Path:
-    """Return the folder, made where it is not there.
-
-    Raises:
-        InputError: It cannot be made.
-    """
-    try:
-        (folder / "sky").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{shown(folder)}: cannot be made ({error.strerror}); expected a folder to write into. "
-            "Choose another with -o."
-        ) from error
-    return folder
 
 
 def write_sky(folder: Path, report: Reporter) -> Sequence:
