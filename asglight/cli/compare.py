@@ -44,8 +44,8 @@ paper and physg take a part of their published steps, which the table names; --f
 half an hour and hours."""
 
 QUICK_HEIGHT = 64
-FLOATS_MAX = 800
-"""A hundred lobes: what the least-squares fits still finish in minutes."""
+FLOATS_MAX = 400
+"""Fifty ASG: more lights than anyone would edit, and as slow as the slowest method can be borne."""
 
 PLAIN_WIDTH = 160
 """Columns where there is no terminal: a log or a file keeps every row in one line."""

@@ -8,7 +8,7 @@ direction and absolute value; Adam with a learning rate of 1e-2 takes 100,000 st
 squared error over the texels of 256 x 512, without solid angles.
 
 Departures: texel centres instead of a grid with rows on the poles and the seam twice, and the same
-sum as one matrix product. The amplitude moves by at most 0.01 a step, so a sun of 30,000 is out of
+sum as one matrix product. An amplitude moves by about 0.01 a step, so a sun of 30,000 is out of
 reach; the script's own map is clamped. Here no map is.
 """
 

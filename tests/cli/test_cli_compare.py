@@ -75,8 +75,8 @@ def test_frames_and_json(sky: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     ("words", "message"),
     [
         (["--methods", "sh,magic"], "methods: 'magic'; expected some of best, fast, paper"),
-        (["--floats", "7"], "floats: 7; expected 8 (one lobe) to 800"),
-        (["--floats", "801"], "floats: 801; expected 8 (one lobe) to 800"),
+        (["--floats", "7"], "floats: 7; expected 8 (one lobe) to 400"),
+        (["--floats", "401"], "floats: 401; expected 8 (one lobe) to 400"),
         (["--full", "--quick"], "not allowed with argument"),
         (["--frames", "20"], "has none of the frames 20"),
     ],
