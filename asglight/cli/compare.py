@@ -2,13 +2,14 @@
 """`asglight compare`: every method on the same map at the same number of floats."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
+from torch import Tensor
 
 from asglight.cli.folders import made_folder
 from asglight.cli.parser import add_input_options, add_json_option
@@ -47,8 +48,8 @@ QUICK_HEIGHT = 64
 FLOATS_MAX = 400
 """Fifty ASG: more lights than anyone would edit, and as slow as the slowest method can be borne."""
 
-PLAIN_WIDTH = 160
-"""Columns where there is no terminal: a log or a file keeps every row in one line."""
+WIDTH = 160
+"""Columns: every row in one line, also in a log or a file; a narrower terminal breaks lines."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,25 +77,38 @@ def run(arguments: argparse.Namespace) -> int:
     )
     sequence, frames = opened(arguments)
     folder = made_folder(Path(arguments.output))
-    document: dict[str, Any] = {"input": arguments.input, "floats": plan.floats, "frames": []}
+    done: list[tuple[int, Path, Comparison]] = []
     with reporter() as report:
         for frame in frames:
-            reference = sequence.read(frame).radiance
-            if not float(reference.sum()) > 0:
-                raise InputError(
-                    f"{shown(sequence.path(frame))}: has no light in it; expected some to compare "
-                    "by. Choose another frame with --frames."
-                )
-            comparison = compare(reference, plan, report.follow)
+            comparison = compare(lit(sequence, frame), plan, report.follow)
             picture = folder / f"{sequence.name}.{frame}.png"
             draw(picture, comparison, f"{sequence.name}, frame {frame}", plan.floats)
-            if not arguments.json:
-                print_tables(comparison, f"{sequence.name}, frame {frame}", str(picture))
-            results = [as_json(result) for result in comparison.results]
-            document["frames"].append({"frame": frame, "picture": str(picture), "methods": results})
+            done.append((frame, picture, comparison))
     if arguments.json:
-        print_json(document)
+        judged = [
+            {"frame": frame, "picture": str(picture), "methods": list(map(as_json, found.results))}
+            for frame, picture, found in done
+        ]
+        print_json({"input": arguments.input, "floats": plan.floats, "frames": judged})
+        return 0
+    for frame, picture, comparison in done:
+        print_tables(comparison, f"{sequence.name}, frame {frame}", str(picture))
     return 0
+
+
+def lit(sequence: ImageSequence, frame: int) -> Tensor:
+    """Read a frame.  [H, W, 3].
+
+    Raises:
+        InputError: It is black, so that nothing can be relative to its light.
+    """
+    radiance = sequence.read(frame).radiance
+    if float(radiance.sum()) > 0:
+        return radiance
+    raise InputError(
+        f"{shown(sequence.path(frame))}: has no light in it; expected some to compare by. Choose "
+        "another frame with --frames."
+    )
 
 
 def chosen(names: str | None) -> tuple[str, ...]:
@@ -145,8 +159,7 @@ def draw(path: Path, comparison: Comparison, name: str, floats: int) -> None:
 
 def print_tables(comparison: Comparison, name: str, picture: str) -> None:
     """Print the errors and those of the three spheres, and where the picture is."""
-    width = None if sys.stdout.isatty() else PLAIN_WIDTH
-    console = Console(width=width, highlight=False)
+    console = Console(width=WIDTH, highlight=False)
     console.print(errors_table(comparison.results, name))
     console.print(spheres_table(comparison.results))
     console.print(f"{picture}: all methods in one picture", markup=False, soft_wrap=True)
@@ -190,7 +203,7 @@ def _column(values: Sequence[float | None], form: str, *, lowest: bool) -> list[
 def _table(
     title: str, results: Sequence[Result], heads: Sequence[str], cells: Sequence[Sequence[str]]
 ) -> Table:
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False)
     table.add_column("method", no_wrap=True)
     for head in heads:
         table.add_column(head, justify="right")

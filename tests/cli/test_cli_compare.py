@@ -7,8 +7,10 @@ from pathlib import Path
 import image_files
 import numpy as np
 import pytest
+from rich.console import Console
 from torch import Tensor
 
+from asglight.cli import compare
 from asglight.cli.main import main
 from asglight.judging import perceptual, spheres
 from asglight.shading.balls import coverage
@@ -56,7 +58,10 @@ def test_tables_name_every_method_and_where_the_picture_is(
     assert "fitting sh" in err
 
 
-def test_frames_and_json(sky: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_frames_and_json(
+    sky: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compare, "draw", lambda *arguments: None)
     words = ["compare", str(sky), "-o", str(tmp_path), "--methods", METHODS, "--frames", "8-9"]
     assert main([*words, "--floats", "30", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -69,6 +74,13 @@ def test_frames_and_json(sky: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     assert lights["hdr_flip"] is None
     assert set(lights["spheres"]["mirror"]) == {"rmse", "si_rmse", "angular"}
     assert lights["steps"] == lights["published_steps"] == 0
+
+
+def test_a_name_in_brackets_is_printed_as_it_is() -> None:
+    console = Console(width=80)
+    with console.capture() as captured:
+        console.print(compare.errors_table([], "sky[bold]"))
+    assert captured.get().startswith("sky[bold]")
 
 
 @pytest.mark.parametrize(
