@@ -6,8 +6,8 @@ approximation", ACM Transactions on Graphics 22(3), SIGGRAPH]. Each face has a t
 transform of its own (non-standard: rows and columns in turn), orthonormal over its texels. Which
 coefficients are kept depends on the map, so each costs its index and RGB. They are ranked by
 amplitude times area of support, that is, by the light that they move from one half to the other:
-ranked by their square alone, all go to a lamp (of 30, on `esplanade` at 128 rows, a third of the flux is
-lost, against 7 %).
+ranked by their square alone, all go to a lamp (of 30, on `esplanade` at 128 rows, a third of the
+flux is lost, against 7 %).
 
 A reconstruction is blocky and may be negative beside a lamp.
 """
