@@ -6,7 +6,8 @@ BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 
-.PHONY: help setup demo pictures bench-fit test test-fast test-usd lint format clean
+.PHONY: help setup setup-dcc demo pictures bench-fit test test-fast test-usd test-dcc test-dcc-short \
+  dcc-picture lint format clean
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -42,6 +43,20 @@ test-fast: setup ## the tests of less than ten seconds each
 test-usd: setup  ## stages in other versions of USD and under NVIDIA's validator (.usd-versions/)
 	.ci/usd-versions
 
+setup-dcc: .venv-dcc/.ready  ## Blender and Mitsuba, in an environment of their own (.venv-dcc)
+
+.venv-dcc/.ready: dcc/requirements.txt .ci/renderers
+	@PYTHON=$(PYTHON) sh .ci/renderers
+
+test-dcc: setup setup-dcc  ## stages of SEQUENCES in Blender and Mitsuba: tables, JSON (dcc-output/)
+	$(BIN)/python -m dcc.measure --sequences "$(SEQUENCES)" -o dcc-output
+
+test-dcc-short: setup setup-dcc  ## the same on one frame of the built-in sky, Blender only
+	$(BIN)/python -m dcc.measure --short --size 16 -o dcc-output/short
+
+dcc-picture: setup setup-dcc  ## what Blender shows, as the README has it; after test-dcc
+	$(BIN)/python -m dcc.picture --measured dcc-output -o docs/images/dcc.png
+
 lint: setup      ## ruff and pyright
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -52,4 +67,4 @@ format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) demo-output pictures bench-fit test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-dcc demo-output dcc-output pictures bench-fit test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis

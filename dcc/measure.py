@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Render exported stages in Blender's Cycles and Mitsuba 3 and hold them against the integrals.
+
+Tables go to standard output, all numbers to dcc.json in the output folder, progress to standard
+error. The exit status is 1 where a row is above its limit, 2 where something is missing.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+from asglight.errors import InputError
+from dcc import blender, mitsuba, rows, shots, tables
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure, write and print; return the exit status."""
+    options = _parser().parse_args(argv)
+    torch.set_num_threads(1)  # the renderers have the cores
+    try:
+        return run(options)
+    except InputError as error:
+        print(f"dcc: {error}", file=sys.stderr)
+        return 2
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure as the options say."""
+    output = options.output
+    output.mkdir(parents=True, exist_ok=True)
+    if options.short:
+        chosen = [shots.built_in(output)]
+    else:
+        chosen = shots.from_sequences(options.sequences, options.frames, output)
+    task = blender.Task(chosen, output, options.size, options.samples)
+    blender.render(task)
+    balls, facing = blender.judged(task)
+    versions = {"Blender": blender.version(task)}
+    if not options.short:
+        mitsuba.render(task)
+        balls += mitsuba.judged(task)
+        versions["Mitsuba"] = mitsuba.version(task)
+    document = {
+        "size": options.size,
+        "samples": options.samples,
+        "versions": versions,
+        **rows.as_json(balls, facing),
+    }
+    (output / "dcc.json").write_text(json.dumps(document, indent=1) + "\n")
+    print(tables.markdown(balls, facing))
+    failed = rows.failures(balls, facing)
+    for line in failed:
+        print(f"dcc: {line}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="dcc.measure", description=__doc__)
+    add = parser.add_argument
+    add("--sequences", type=Path, default=Path("../shared/sequences"), metavar="DIR")
+    add("--short", action="store_true", help="one frame of the built-in sky, Blender only")
+    add("--frames", type=int, default=3, metavar="N", help="frames of each sequence (3)")
+    add("--size", type=int, default=24, metavar="S", help="pixels across a ball (24)")
+    add("--samples", type=int, default=2048, metavar="N", help="of a pixel and seed (2048)")
+    add("-o", "--output", type=Path, default=Path("dcc-output"), metavar="DIR")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What Mitsuba makes of the dome's images and of the originals, as rows."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from asglight.images import read_latlong
+from asglight.usd import Representation
+from dcc import lobe_light, quadrature, renderers, rows, scene
+from dcc.blender import ORIGINAL, SEEDS, Task
+from dcc.quadrature import Light
+from dcc.rows import Array, Row
+from dcc.shots import Shot
+
+POINTS = 2
+"""Across a pixel, where the lights are integrated: Mitsuba shows means over pixels."""
+
+SAMPLES_TIMES = 4
+"""As many samples as Cycles for the same noise: a whole pixel varies more than its centre."""
+
+
+def render(task: Task) -> None:
+    """Render the middle frame of each shot, the dome's image and the original."""
+    jobs = []
+    for shot in task.shots:
+        for kind, image in _images(shot).items():
+            out = _out(task, shot, kind)
+            common = {"size": task.size, "samples": SAMPLES_TIMES * task.samples, "seeds": SEEDS}
+            jobs.append({"image": str(image.resolve()), "out": str(out.resolve()), **common})
+    renderers.run("dcc.mitsuba_render", jobs, task.output)
+
+
+def judged(task: Task) -> list[Row]:
+    """Hold what was rendered against the integrals."""
+    return [row for shot in task.shots for row in _rows(task, shot)]
+
+
+def version(task: Task) -> str:
+    """Return the version that rendered."""
+    return str(np.load(_out(task, task.shots[0], ORIGINAL))["version"])
+
+
+def _frame(shot: Shot) -> int:
+    return shot.frames[len(shot.frames) // 2]
+
+
+def _images(shot: Shot) -> dict[str, Path]:
+    frame = _frame(shot)
+    stage = shot.stages["Y"]
+    dome = stage.parent / f"{stage.stem}_dome" / f"{stage.stem}.{frame:04d}.exr"
+    return {ORIGINAL: shot.images[shot.frames.index(frame)], Representation.DOME: dome}
+
+
+def _out(task: Task, shot: Shot, kind: str) -> Path:
+    return task.out(shot.name, _frame(shot), "mitsuba", kind)
+
+
+def _rows(task: Task, shot: Shot) -> Iterator[Row]:
+    frame, images = _frame(shot), _images(shot)
+    original, image = (
+        quadrature.broad(quadrature.at_rows(read_latlong(path).radiance))
+        for path in images.values()
+    )
+    lights = [original, lobe_light.light_of(shot.lobes(frame)), image]
+    pixels = scene.judged(task.size)
+    rendered = {
+        kind: np.load(_out(task, shot, kind))["balls"].astype(np.float64) for kind in images
+    }
+    for index, (material, roughness) in enumerate(scene.MATERIALS.items()):
+        of_original, lobes, as_read = _integrals(lights, task.size, roughness)
+        reference = rendered[ORIGINAL][:, :, index][:, :, pixels].mean(0)
+        for kind, picture in rendered.items():
+            is_original = kind == ORIGINAL
+            seeds = picture[:, :, index][:, :, pixels]
+            found = seeds.mean(0)
+            expected = of_original if is_original else lobes
+            yield Row(
+                "Mitsuba",
+                shot.name,
+                frame,
+                "Y",
+                str(kind),
+                material,
+                None if is_original else rows.relative_rms(lobes, of_original),
+                rows.relative_rms(found, expected),
+                rows.relative_mean(found, expected),
+                None if is_original else rows.relative_rms(found, as_read),
+                None if is_original else rows.relative_rms(found, reference),
+                rows.noise(seeds),
+            )
+
+
+def _integrals(lights: list[Light], size: int, roughness: float | None) -> Array:
+    """Integrate lights over the pixels.  [K, view, P, 3]."""
+    views = []
+    for name, towards in scene.VIEWS.items():
+        normals = torch.from_numpy(scene.normals(size, name, POINTS))
+        view = torch.tensor(towards, dtype=torch.float64)
+        values = quadrature.shown(
+            lights, normals.flatten(0, 1), view, roughness, quadrature.separable_visibility
+        )
+        views.append(values.unflatten(1, normals.shape[:2]).mean(2))
+    return torch.stack(views, dim=1).numpy()

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is measured: shots, fitted and exported, at a few frames."""
+
+import inspect
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from asglight.errors import InputError
+from asglight.fitting.options import FitOptions, Preset
+from asglight.images import open_sequence, read_latlong, write_exr
+from asglight.lobes import Lobes, LobeTracks
+from asglight.shots import fit_shot
+from asglight.sky import SkyConfig, radiance
+from asglight.usd import read_usd, write_usd
+
+SEQUENCES = ("day", "tunnel", "handheld")
+
+UP_AXES = ("Y", "Z") if "up_axis" in inspect.signature(write_usd).parameters else ("Y",)
+"""What `write_usd` can write."""
+
+SKY_ROWS = 128
+SKY_FRAMES = (1001, 1002, 1003)
+"""Of the built-in environment: few, because the short run fits them each time."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A fitted shot.
+
+    Attributes:
+        name: Of the sequence.
+        frames: Those that are measured.
+        images: File of each of them.
+        stages: Up axis to exported stage.
+        tracks: The lobes, read from the stage.
+    """
+
+    name: str
+    frames: tuple[int, ...]
+    images: tuple[Path, ...]
+    stages: dict[str, Path]
+    tracks: LobeTracks
+
+    def lobes(self, frame: int) -> Lobes:
+        """Return the lobes of a frame in float64.  [N, .]."""
+        return self.tracks.lobes[self.tracks.frames.index(frame)].to(torch.float64)
+
+
+def from_sequences(
+    folder: Path, count: int, output: Path, names: Sequence[str] = SEQUENCES
+) -> list[Shot]:
+    """Fit sequences and export them.
+
+    Args:
+        folder: Holds a folder for each sequence.
+        count: Frames to measure of each, evenly chosen, with the first and the last.
+        output: Folder for the stages.
+        names: Sequences.
+
+    Raises:
+        InputError: A sequence is missing.
+    """
+    missing = [name for name in names if not (folder / name).is_dir()]
+    if missing:
+        raise InputError(
+            f"{folder}: no folder {missing[0]}; expected the sequences {', '.join(names)}. "
+            "Say where they are with --sequences, or measure the built-in sky with --short."
+        )
+    return [_shot(name, folder / name, count, output) for name in names]
+
+
+def built_in(output: Path) -> Shot:
+    """Draw the first frames of the built-in environment, fit them and measure the second."""
+    folder = output / "sky"
+    folder.mkdir(parents=True, exist_ok=True)
+    for frame in SKY_FRAMES:
+        write_exr(folder / f"sky.{frame}.exr", radiance(SkyConfig(), frame, SKY_ROWS))
+    return _shot("sky", folder, 1, output)
+
+
+def rows_of(image: Path) -> int:
+    """Return the rows of a latlong file."""
+    return len(read_latlong(image).radiance)
+
+
+def _shot(name: str, folder: Path, count: int, output: Path) -> Shot:
+    sequence = open_sequence(folder)
+    stage = output / f"{name}-Y.usda"
+    fit_shot(folder, stage, FitOptions(preset=Preset.LIVE), resume=True)
+    tracks = read_usd(stage)
+    stages = {"Y": stage}
+    for axis in UP_AXES[1:]:
+        stages[axis] = output / f"{name}-{axis}.usda"
+        options: dict[str, Any] = {"up_axis": axis}
+        write_usd(tracks, stages[axis], **options)
+    middle = len(tracks.frames) // 2
+    chosen = [middle] if count == 1 else np.linspace(0, len(tracks.frames) - 1, count).round()
+    frames = tuple(tracks.frames[int(index)] for index in chosen)
+    images = tuple(sequence.source.files[frame] for frame in frames)
+    return Shot(name, frames, images, stages, tracks)

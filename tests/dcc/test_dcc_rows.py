@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Verdicts, tables and what a user is told."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from asglight.errors import InputError
+from dcc import measure, renderers, rows, shots, tables
+from dcc.rows import FacingRow, Row
+
+GOOD = Row("Blender", "day", 1001, "Y", "dome", "matte", 0.002, 0.005, 0.004, 0.004, 0.006, 0.002)
+FACING = FacingRow("Blender", "day", 1001, "Y", 3, 12, 0.001, 0.004, 0.01)
+
+
+def failures(**changes: object) -> list[str]:
+    return rows.failures([dataclasses.replace(GOOD, **changes)], [])
+
+
+def test_errors_by_hand() -> None:
+    found, expected = np.array([1.0, 3.0]), np.array([1.0, 2.0])
+    assert rows.relative_rms(found, expected) == pytest.approx((1 / 5) ** 0.5)
+    assert rows.relative_mean(found, expected) == pytest.approx(1 / 3)
+
+
+def test_noise_is_that_of_the_mean_of_two_renders() -> None:
+    draws = np.random.default_rng(0).normal(1.0, 0.1, (2, 100_000))
+    # a deviation of 0.1 of each, over sqrt(2); 100,000 draws know it to 0.3 %
+    assert rows.noise(draws) == pytest.approx(0.1 / 2**0.5, rel=0.01)
+
+
+def test_a_row_within_its_limit_is_no_failure() -> None:
+    assert failures() == []
+
+
+def test_a_dome_above_its_limit_fails() -> None:
+    assert failures(export=0.011) == [
+        "Blender day 1001 Y-up dome matte: 1.10%, above 1.0%",
+    ]
+
+
+def test_what_is_known_to_miss_fails_only_beyond_its_bound() -> None:
+    known = rows.LIMITS["cards", "r0.5"]
+    assert known.today is not None
+    assert known.today > known.aim
+    assert known.why
+    cards = {"representation": "cards", "material": "r0.5"}
+    assert failures(export=0.9 * known.today, **cards) == []
+    assert len(failures(export=1.1 * known.today, **cards)) == 1
+
+
+def test_a_noisy_render_proves_nothing() -> None:
+    (line,) = failures(noise=0.004)
+    assert line.endswith("noise 0.40%, above a third of 1%; expected more --samples")
+
+
+def test_distant_lights_are_judged_by_irradiance_and_direction() -> None:
+    assert rows.failures([], [FACING]) == []
+    worse = dataclasses.replace(FACING, narrow_error=0.03, wide_error=0.05, direction_deg=0.2)
+    narrow, wide, turned = rows.failures([], [worse])
+    assert "narrow: facing irradiance 3.00% off" in narrow
+    assert "wide: facing irradiance 5.00% off" in wide
+    assert turned.endswith("a light 0.200 degrees off its lobe")
+
+
+def test_the_table_says_what_is_missed() -> None:
+    missed = dataclasses.replace(GOOD, export=0.02, fit=None)
+    head, _, first, second = tables.ball_table([GOOD, missed]).splitlines()
+    assert head.count("|") == first.count("|") == second.count("|")
+    assert first.endswith("| 0.20 | 0.50 | 0.40 | 0.40 | 0.60 | 0.20 | 1% |")
+    assert second.endswith("|  | 2.00 | 0.40 | 0.40 | 0.60 | 0.20 | 1%, missed |")
+    assert (
+        tables.facing_table([FACING]).splitlines()[-1].endswith("| 3 | 0.10 | 12 | 0.40 | 0.010° |")
+    )
+
+
+def test_a_missing_renderer_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such interpreter; expected one with bpy and mitsuba"):
+        renderers.run("dcc.blender_render", [], tmp_path, tmp_path / "python")
+
+
+def test_a_renderer_that_fails_is_no_success(tmp_path: Path) -> None:
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\nexit 3\n")
+    python.chmod(0o755)
+    with pytest.raises(RuntimeError, match=r"status 3; see .*blender_render\.log"):
+        renderers.run("dcc.blender_render", [], tmp_path, python)
+
+
+def test_missing_sequences_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError, match="no folder day; expected the sequences day, tunnel"):
+        shots.from_sequences(tmp_path, 3, tmp_path)
+    command = ["--sequences", str(tmp_path), "-o", str(tmp_path / "out")]
+    assert measure.main(command) == 2
+    assert capsys.readouterr().err.count("\n") == 1
