@@ -184,7 +184,8 @@ def _facing_row(task: Task, shot: Shot, frame: int, axis: str) -> FacingRow:
     lit = expected.sum(-1) > 1e-6 * expected.sum()
     wide = radius > math.pi / 2
     factor = np.where(wide, DISTANT_FACTOR / np.sin(radius) ** 2, DISTANT_FACTOR)
-    error = np.abs(found["irradiance"].sum(-1) / (factor * expected.sum(-1)) - 1)
+    due = np.where(lit, factor * expected.sum(-1), 1.0)
+    error = np.abs(found["irradiance"].sum(-1) / due - 1)
     cosine = (found["directions"] * lobes.axis_z.numpy()).sum(-1).clip(-1, 1)
     return FacingRow(
         "Blender",
@@ -200,7 +201,7 @@ def _facing_row(task: Task, shot: Shot, frame: int, axis: str) -> FacingRow:
 
 
 def _normals(size: int, view: str) -> Tensor:
-    return torch.from_numpy(scene.normals(size, view)[:, 0])
+    return torch.from_numpy(scene.normals(size, view))
 
 
 def _tensor(direction: tuple[float, float, float]) -> Tensor:

@@ -6,20 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from asglight.images import read_latlong
 from asglight.usd import Representation
-from dcc import lobe_light, quadrature, renderers, rows, scene
+from dcc import lobe_light, quadrature, renderers, rows, scene, usdlux
 from dcc.blender import ORIGINAL, SEEDS, Task
 from dcc.quadrature import Light
 from dcc.rows import Array, Row
 from dcc.shots import Shot
 
-POINTS = 2
-"""Across a pixel, where the lights are integrated: Mitsuba shows means over pixels."""
-
 SAMPLES_TIMES = 4
-"""As many samples as Cycles for the same noise: a whole pixel varies more than its centre."""
+"""As many samples as Cycles for the same noise: its sensors of one ray draw independent samples."""
 
 
 def render(task: Task) -> None:
@@ -60,19 +58,19 @@ def _out(task: Task, shot: Shot, kind: str) -> Path:
 
 def _rows(task: Task, shot: Shot) -> Iterator[Row]:
     frame, images = _frame(shot), _images(shot)
-    original, image = (
-        quadrature.broad(quadrature.at_rows(read_latlong(path).radiance))
-        for path in images.values()
-    )
-    lights = [original, lobe_light.light_of(shot.lobes(frame)), image]
+    original, image = (read_latlong(path).radiance for path in images.values())
+    lights = [
+        quadrature.broad(quadrature.at_rows(original)),
+        lobe_light.light_of(shot.lobes(frame)),
+        quadrature.broad(as_mitsuba(original)),
+        quadrature.broad(as_mitsuba(image)),
+    ]
     pixels = scene.judged(task.size)
-    rendered = {
-        kind: np.load(_out(task, shot, kind))["balls"].astype(np.float64) for kind in images
-    }
+    rendered = {kind: np.load(_out(task, shot, kind))["balls"].astype(float) for kind in images}
     for index, (material, roughness) in enumerate(scene.MATERIALS.items()):
-        of_original, lobes, as_read = _integrals(lights, task.size, roughness)
+        of_original, lobes, *as_read = _integrals(lights, task.size, roughness)
         reference = rendered[ORIGINAL][:, :, index][:, :, pixels].mean(0)
-        for kind, picture in rendered.items():
+        for (kind, picture), reading in zip(rendered.items(), as_read, strict=True):
             is_original = kind == ORIGINAL
             seeds = picture[:, :, index][:, :, pixels]
             found = seeds.mean(0)
@@ -87,20 +85,36 @@ def _rows(task: Task, shot: Shot) -> Iterator[Row]:
                 None if is_original else rows.relative_rms(lobes, of_original),
                 rows.relative_rms(found, expected),
                 rows.relative_mean(found, expected),
-                None if is_original else rows.relative_rms(found, as_read),
+                rows.relative_rms(found, reading),
                 None if is_original else rows.relative_rms(found, reference),
                 rows.noise(seeds),
             )
 
 
+def as_mitsuba(image: Tensor) -> Tensor:
+    """Return an image as Mitsuba reads it: interpolated, its first and last row on the poles.
+
+    UsdLux and Blender put them half a row beside.  [H, W, 3] -> [256, 512, 3]
+    """
+    height, width = image.shape[:2]
+    size = usdlux.FINE * quadrature.ROWS
+    y = (torch.arange(size) + 0.5) / size * (height - 1)
+    x = (torch.arange(2 * size) + 0.5) / (2 * size) * width - 0.5
+    row, column = y.long().clamp(max=height - 2), x.floor().long()
+    down, right = (y - row)[:, None, None], (x - column)[None, :, None]
+    upper, lower = (
+        torch.lerp(rows_of[:, column % width], rows_of[:, (column + 1) % width], right)
+        for rows_of in (image[row], image[row + 1])
+    )
+    return usdlux.texel_means(torch.lerp(upper, lower, down))
+
+
 def _integrals(lights: list[Light], size: int, roughness: float | None) -> Array:
-    """Integrate lights over the pixels.  [K, view, P, 3]."""
+    """Integrate lights at the judged pixels.  [K, view, P, 3]."""
     views = []
     for name, towards in scene.VIEWS.items():
-        normals = torch.from_numpy(scene.normals(size, name, POINTS))
+        normals = torch.from_numpy(scene.normals(size, name))
         view = torch.tensor(towards, dtype=torch.float64)
-        values = quadrature.shown(
-            lights, normals.flatten(0, 1), view, roughness, quadrature.separable_visibility
-        )
-        views.append(values.unflatten(1, normals.shape[:2]).mean(2))
+        separable = quadrature.separable_visibility
+        views.append(quadrature.shown(lights, normals, view, roughness, separable))
     return torch.stack(views, dim=1).numpy()

@@ -5,7 +5,8 @@
 
 The file is a list of jobs, each with `image` (an EXR), `out` (an .npz), `size`, `samples` and
 `seeds`; `out` gets float32 [seed, view, material, size, size, 3]. Mitsuba reads no USD: what is
-checked is the dome's image, its orientation and its radiance. A pixel is the mean over its area.
+checked is the dome's image, its orientation and its radiance. Its pixels have an area, so every
+pixel is a sensor of its own that looks along one ray.
 """
 
 import json
@@ -36,11 +37,20 @@ def main(path: str) -> None:
 
 
 def ball(job: dict, view: str, roughness: float | None, seed: int) -> np.ndarray:
-    """Render one ball.  [size, size, 3]."""
-    towards = np.array(balls.VIEWS[view])
-    up = [0.0, 1.0, 0.0]
-    look = mi.ScalarTransform4f().look_at(origin=(4 * towards).tolist(), target=[0] * 3, up=up)
-    size = job["size"]
+    """Render one ball; pixels that are not judged stay black.  [size, size, 3]."""
+    size, towards = job["size"], np.array(balls.VIEWS[view])
+    normals = balls.normals(size, view)
+    film = {"width": 1, "height": 1, "pixel_format": "rgb", "rfilter": {"type": "box"}}
+    sensors = {
+        f"pixel{index:05d}": {
+            "type": "radiancemeter",
+            "origin": (place + 4 * towards).tolist(),
+            "direction": (-towards).tolist(),
+            "film": {"type": "hdrfilm", **film},
+        }
+        for index, place in enumerate(normals)
+    }
+    film["width"] = len(normals)
     scene = mi.load_dict(
         {
             "type": "scene",
@@ -48,20 +58,16 @@ def ball(job: dict, view: str, roughness: float | None, seed: int) -> np.ndarray
             "light": {"type": "envmap", "filename": job["image"]},
             "ball": {"type": "sphere", "bsdf": surface(roughness)},
             "camera": {
-                "type": "orthographic",
-                "to_world": look,
-                "sampler": {"type": "multijitter", "sample_count": job["samples"]},
-                "film": {
-                    "type": "hdrfilm",
-                    "width": size,
-                    "height": size,
-                    "pixel_format": "rgb",
-                    "rfilter": {"type": "box"},
-                },
+                "type": "batch",
+                "sampler": {"type": "independent", "sample_count": job["samples"]},
+                "film": {"type": "hdrfilm", **film},
+                **sensors,
             },
         }
     )
-    return np.array(mi.render(scene, seed=seed))
+    picture = np.zeros((size, size, 3), np.float32)
+    picture[balls.judged(size)] = np.array(mi.render(scene, seed=seed))[0]
+    return picture
 
 
 def surface(roughness: float | None) -> dict:

@@ -35,7 +35,7 @@ BALL = 240
 FINER = 2
 """Rendered so many times as large and averaged, because a pixel of a render is a point."""
 
-SAMPLES = 64
+SAMPLES = 32
 LIGHT_GREY = 0.45
 """Display-linear level that the median of the matte ball under the original is brought to."""
 

@@ -40,18 +40,8 @@ def judged(size: int) -> NDArray[np.bool_]:
     return (pixel_places(size) ** 2).sum(-1) <= 1 - COS_EDGE**2
 
 
-def normals(size: int, view: str, points: int = 1) -> NDArray[np.float64]:
-    """Return the ball's normals at the judged pixels, row by row.
-
-    Args:
-        size: Pixels across, S.
-        view: Name of a view.
-        points: Across a pixel; 1 is its centre.
-
-    Returns:
-        Unit vectors.  [P, points^2, 3]
-    """
-    offsets = pixel_places(points).reshape(-1, 2) / size
-    places = pixel_places(size)[judged(size)][:, None] + offsets
+def normals(size: int, view: str) -> NDArray[np.float64]:
+    """Return the ball's normals at the judged pixels, row by row.  [P, 3]."""
+    places = pixel_places(size)[judged(size)]
     depth = np.sqrt(1 - (places**2).sum(-1, keepdims=True))
     return np.concatenate([places, depth], axis=-1) @ camera_frame(view)

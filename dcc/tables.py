@@ -3,7 +3,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from dcc.rows import LIMITS, FacingRow, Row
+from dcc.rows import FacingRow, Row, limit_of
 
 _HEADS = {
     "program": "program",
@@ -26,7 +26,7 @@ def ball_table(balls: Iterable[Row]) -> str:
     head = [*_HEADS.values(), *(name.replace("_", " ") for name in errors), "limit"]
     lines = []
     for row in balls:
-        limit = LIMITS.get((row.representation, row.material))
+        limit = limit_of(row)
         verdict = "" if limit is None else f"{limit.aim:.0%}"
         if limit is not None and row.export > limit.aim:
             verdict += ", missed"

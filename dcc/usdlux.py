@@ -19,7 +19,7 @@ from asglight.sphere import latlong
 from dcc.lobe_light import gauss
 from dcc.quadrature import ROWS, Light, broad
 
-_FINE = 4
+FINE = 4
 """Points across a texel: edges of lights are right to a quarter of a texel, fluxes exactly."""
 
 _NARROW = math.radians(12)
@@ -135,7 +135,7 @@ def _dome(light: UsdLux.DomeLight, time: float) -> Tensor:
     height, width = image.shape[:2]
     row = (v * height).long().clamp(max=height - 1)
     column = (u * width).long() % width
-    return _texel_means(image[row, column]) * _emission(light, time)
+    return texel_means(image[row, column]) * _emission(light, time)
 
 
 def _emission(light: UsdLux.BoundableLightBase, time: float) -> Tensor:
@@ -160,21 +160,21 @@ def _frame(light: UsdGeom.Xformable, time: float) -> tuple[Tensor, Tensor]:
 def _fine_directions(axes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Return directions of a grid four times as fine in a light's axes.  [4H, 4W] each."""
     x, y, z = axes.float() @ _fine_grid()
-    shape = (_FINE * ROWS, 2 * _FINE * ROWS)
+    shape = (FINE * ROWS, 2 * FINE * ROWS)
     return x.view(shape), y.view(shape), z.view(shape)
 
 
 @functools.cache
 def _fine_grid() -> Tensor:
     """Return the directions of the fine grid.  [3, 4H 4W]."""
-    size = _FINE * ROWS
+    size = FINE * ROWS
     return latlong.directions(size, 2 * size).view(-1, 3).mT.contiguous()
 
 
-def _texel_means(fine: Tensor) -> Tensor:
+def texel_means(fine: Tensor) -> Tensor:
     """Average a grid four times as fine by solid angle.  [4H, 4W, C] -> [H, W, C]."""
     weights = latlong.texel_solid_angles(len(fine), 2 * len(fine))[..., None]
-    blocks = (ROWS, _FINE, 2 * ROWS, _FINE, -1)
+    blocks = (ROWS, FINE, 2 * ROWS, FINE, -1)
     sums = (fine * weights).view(blocks).sum((1, 3))
     return sums.double() / weights.reshape(blocks).sum((1, 3)).double()
 
@@ -189,7 +189,7 @@ def _nothing() -> Tensor:
 
 def _spread(inside: Tensor, solid_angle: float) -> Tensor:
     """Return the covered share of texels, scaled to the exact solid angle.  [H, W, 1]."""
-    share = _texel_means(inside.float()[..., None])
+    share = texel_means(inside.float()[..., None])
     weights = latlong.texel_solid_angles(ROWS, 2 * ROWS, dtype=torch.float64)[..., None]
     return share * solid_angle / (share * weights).sum()
 

@@ -18,7 +18,7 @@ VIEW = torch.tensor(scene.VIEWS["front"], dtype=torch.float64)
 
 
 def normals() -> Tensor:
-    return torch.from_numpy(scene.normals(SIZE, "front")[:, 0])
+    return torch.from_numpy(scene.normals(SIZE, "front"))
 
 
 def lobes() -> Lobes:
@@ -85,7 +85,7 @@ def test_a_small_map_repeats_its_texels() -> None:
 
 
 def test_the_two_views_see_every_normal_once() -> None:
-    front, back = (scene.normals(32, view)[:, 0] for view in scene.VIEWS)
+    front, back = (scene.normals(32, view) for view in scene.VIEWS)
     assert front[:, 2].min() >= scene.COS_EDGE
     assert back[:, 2].max() <= -scene.COS_EDGE
     right = scene.pixel_places(32)[scene.judged(32)][:, 0]

@@ -53,7 +53,7 @@ def test_what_is_known_to_miss_fails_only_beyond_its_bound() -> None:
 
 def test_a_noisy_render_proves_nothing() -> None:
     (line,) = failures(noise=0.004)
-    assert line.endswith("noise 0.40%, above a third of 1%; expected more --samples")
+    assert line.endswith("noise 0.40%, above a third of 1.0%; expected more --samples")
 
 
 def test_distant_lights_are_judged_by_irradiance_and_direction() -> None:
