@@ -29,7 +29,7 @@ COLUMNS = (ORIGINAL, Representation.DOME, Representation.CARDS, Representation.D
 TITLES = ("original HDRI", "dome", "cards", "distant  (÷ 4)")
 LABELS = {"matte": "matte", "r0.5": "rough\nglossy\nr = 0.5", "r0.25": "glossy\nr = 0.25"}
 
-BALL = 240
+BALL = 208
 """Pixels across a ball of the picture."""
 
 FINER = 2
@@ -79,7 +79,7 @@ def measured(path: Path, shot: str) -> dict[tuple[str, str], dict[str, Any]]:
 
 
 def rendered(folder: Path, shot: str, view: str) -> list[Tensor]:
-    """Render the four columns large.  [material, S, S, 3] each, S = 240."""
+    """Render the four columns large.  [material, S, S, 3] each, S = 208."""
     jobs, outs = [], []
     for column in COLUMNS:
         name = shot if column == ORIGINAL else f"{shot}-Y-{column}"
@@ -110,7 +110,7 @@ def draw(
     """
     levels = luminance(pictures[0][0])
     stops = math.log2(LIGHT_GREY / float(levels[levels > 0].median()))
-    step, top = BALL + 56, 132
+    step, top = BALL + 66, 132
     width, height = 150 + step * len(COLUMNS), top + step * len(scene.MATERIALS) + 18
     note = f"Cycles, exposure {stops:+.1f} stops, sRGB"
     figure = sheet(width, height, f"Blender, {shot.replace('-', ' frame ')}", note)
@@ -134,7 +134,7 @@ def caption(row: dict[str, Any]) -> str:
     """Say how far a ball is from the original and from its lobes."""
     if row["total"] is None:
         return f"{100 * row['export']:.1f} % from its integral"
-    return f"{100 * row['total']:.1f} % from HDRI, {100 * row['export']:.1f} % from lobes"
+    return f"{100 * row['total']:.1f} % from the HDRI\n{100 * row['export']:.1f} % from the lobes"
 
 
 def disc(size: int) -> np.ndarray:
