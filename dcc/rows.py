@@ -46,10 +46,10 @@ _BLURRED = "Cycles interpolates between texels, the integral does not"
 LIMITS = {
     ("original", "matte"): Limit(0.01, 0.02, _BLURRED),
     ("original", "r0.5"): Limit(0.01, 0.02, _BLURRED),
-    ("original", "r0.25"): Limit(0.01, 0.02, _BLURRED),
+    ("original", "r0.25"): Limit(0.01, 0.03, _BLURRED),
     ("dome", "matte"): Limit(0.01),
     ("dome", "r0.5"): Limit(0.01),
-    ("dome", "r0.25"): Limit(0.01, 0.015, _BLURRED),
+    ("dome", "r0.25"): Limit(0.01, 0.025, _BLURRED),
     ("cards", "matte"): Limit(0.03),
     ("cards", "r0.5"): Limit(0.03, 0.07, _EVEN),
     ("cards", "r0.25"): Limit(0.03, 0.22, _EVEN),

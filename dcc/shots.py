@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is measured: shots, fitted and exported, at a few frames."""
 
-import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -20,8 +18,8 @@ from asglight.usd import read_usd, write_usd
 
 SEQUENCES = ("day", "tunnel", "handheld")
 
-UP_AXES = ("Y", "Z") if "up_axis" in inspect.signature(write_usd).parameters else ("Y",)
-"""What `write_usd` can write."""
+UP_AXES = ("Y", "Z")
+"""Of the stages; the first is what a fit writes."""
 
 SKY_ROWS = 128
 SKY_FRAMES = (1001, 1002, 1003)
@@ -96,8 +94,7 @@ def _shot(name: str, folder: Path, count: int, output: Path) -> Shot:
     stages = {"Y": stage}
     for axis in UP_AXES[1:]:
         stages[axis] = output / f"{name}-{axis}.usda"
-        options: dict[str, Any] = {"up_axis": axis}
-        write_usd(tracks, stages[axis], **options)
+        write_usd(tracks, stages[axis], up_axis=axis)
     middle = len(tracks.frames) // 2
     chosen = [middle] if count == 1 else np.linspace(0, len(tracks.frames) - 1, count).round()
     frames = tuple(tracks.frames[int(index)] for index in chosen)

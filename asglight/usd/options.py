@@ -21,7 +21,7 @@ DISTANCE_M = 1000.0
 to the fit's precision."""
 
 DOME_HEIGHT = 256
-"""Rows of the dome's images: texels of 0.7 degrees. With half as many, a lamp that is narrower than a
+"""Rows of the dome's images: texels of 0.7 degrees. With half as many, a lamp narrower than a
 texel moves so far that a ball of roughness 0.25 is 2 % off, and in Blender, which interpolates, 4 %
 (docs/dcc.md)."""
 
