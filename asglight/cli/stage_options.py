@@ -5,7 +5,7 @@ import argparse
 from dataclasses import fields
 from typing import Any
 
-from asglight.usd.options import UP_AXES, Representation, StageOptions
+from asglight.usd.options import DISTANT_LIGHTS, UP_AXES, Representation, StageOptions
 
 OUTPUT = "stage: .usda, .usdc or .usd, or .usdz, a package with its images"
 
@@ -40,6 +40,13 @@ def add_stage_options(parser: argparse.ArgumentParser, kept: str | None = None) 
     add("--distance", type=float, metavar="LENGTH", help=f"{far} {default('1000 m')}")
     space = "linear space of the stage's colours, such as ACEScg, Rec.2020 or P3-D65"
     add("--colorspace", metavar="NAME", help=f"{space} {default('Rec.709')}")
+    many = "lights of an anisotropic lobe in the variant distant"
+    add(
+        "--distant-lights",
+        type=int,
+        choices=DISTANT_LIGHTS,
+        help=f"{many} {default(usual.distant_lights)}",
+    )
     rows = "rows of the images of the dome"
     add("--dome-height", type=int, metavar="ROWS", help=f"{rows} {default(usual.dome_height)}")
 

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A lobe as a card: the rectangle of constant radiance with the lobe's flux and second moments.
+"""A lobe as cards: rectangles of constant radiance with the lobe's flux and second moments.
 
-The card lies in the plane z = 1 of the lobe's frame, |x| <= p, |y| <= q, and is seen from the
-origin; at another distance it scales. With s = p q / sqrt(1 + p^2 + q^2), integrating over the
-plane with dw = dx dy / (1 + x^2 + y^2)^(3/2) gives the closed forms
+A sharp lobe is one card. A softer one is three about the same centre, whose sum has its shape. A
+lobe too broad for them shines from the fill, a small dome that all broad lobes share. Which of the
+three holds for the whole shot, so no lobe pops.
+
+A card lies in the plane z = 1 of the lobe's frame, |x| <= p, |y| <= q, and is seen from the origin;
+at another distance it scales. With s = p q / sqrt(1 + p^2 + q^2), integrating over the plane with
+dw = dx dy / (1 + x^2 + y^2)^(3/2) gives the closed forms
 
     solid angle       W = 4 atan s
     mean of x^2       (1 - s / ((1 + p^2) atan s)) / 3, and likewise y^2 with q.
@@ -12,20 +16,85 @@ So the mean squares asked for give 1 + p^2 and 1 + q^2 from s alone, and s is a 
 """
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 
 import torch
+from pxr import Gf
 from torch import Tensor
 
-from asglight.lobes import asg
+from asglight.lobes import asg, texels
 from asglight.lobes.data import Form, Lobes
 from asglight.usd import schema
 from asglight.usd.emission import intensity_and_color
+from asglight.usd.lights import Light, on_sides
+
+
+class Kind(StrEnum):
+    """What a lobe's light is in the representation `cards`, in all frames of a stage."""
+
+    SINGLE = "single"
+    """One card, which is the lobe's own prim; one a side for the bingham form."""
+    SOFT = "soft"
+    """Three cards, below the lobe's prim."""
+    FILL = "fill"
+    """No card: a share of the fill's images."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One card of a lobe.
+
+    Attributes:
+        name: Of its prim below the lobe's; empty for the lobe's own.
+        squares: Its mean x^2 and y^2 relative to the lobe's.
+        distance: Relative to the cards' distance. Renderers that take lights as surfaces lose one
+            of two that coincide.
+    """
+
+    name: str
+    squares: tuple[float, float]
+    distance: float = 1.0
+
+
+_SHORT, _LONG, _OUTER_SHARE = 0.2494, 0.9412, 0.2949
+"""Least squares between three centred rectangles and a plane Gaussian, alike in x and y, of its
+variance, both blurred by half its width: 3.5 % off, and 23 % with one rectangle."""
+
+_OUTER = (1 - (1 - _OUTER_SHARE) * (_SHORT + _LONG) / 2) / _OUTER_SHARE  # so that the means agree
+
+LEVELS: dict[Kind, tuple[tuple[float, tuple[Piece, ...]], ...]] = {
+    Kind.SINGLE: ((1.0, (Piece("", (1.0, 1.0)),)),),
+    Kind.SOFT: (
+        (
+            1 - _OUTER_SHARE,
+            (Piece("tall", (_SHORT, _LONG)), Piece("wide", (_LONG, _SHORT), 1.001)),
+        ),
+        (_OUTER_SHARE, (Piece("outer", (_OUTER, _OUTER), 1.002),)),
+    ),
+    Kind.FILL: (),
+}
+"""Shares of a lobe's flux, and the cards of one radiance that carry each."""
+
+SINGLE_SQUARE = 1e-3
+"""Mean x^2 and y^2 up to which one card does: a width of 1.8 degrees, 1 % on a ball of roughness
+0.25."""
+
+FILL_HEIGHT = 64
+"""Rows of the fill's images, of 2.8 degrees: 0.3 % off on a ball of roughness 0.25, 4 % with half
+as many."""
+
+FILL_WIDTH_TEXELS = 2
+"""A lobe that is narrower one way keeps its cards."""
 
 HALF_ANGLE_MAX_DEG = 85.0
-"""Widest card; one of 90 degrees would be infinite. Lobes that spread farther keep their flux. Of
-diffuse irradiance (RMS over all normals) they lose: bingham 2 % at sharpness 0.01, 15 % where one
-sharpness is 0.01 and the other 50; asg under 2 %; sg 26 % at 1, 62 % at 0.01, because half of
-such a lobe shines from behind."""
+"""Widest card; one of 90 degrees would be infinite. Lobes that spread farther are fill, unless they
+are too narrow the other way; those keep their flux."""
+
+_WIDEST = math.tan(math.radians(HALF_ANGLE_MAX_DEG))
+_SQUARE_MAX = (1 - 1 / (1 + _WIDEST**2)) / 3
+"""Mean x^2 of a card that is the widest both ways."""
 
 FIXED_POINT_STEPS = 60
 """A step halves the error at least, so 60 leave nothing that float64 can hold."""
@@ -40,52 +109,114 @@ def solid_angle(half_extent: Tensor) -> Tensor:
     return 4 * torch.atan(_corner(half_extent))
 
 
-def half_extent(lobes: Lobes) -> Tensor:
-    """Return (p, q) of the card with each lobe's mean x^2 and y^2, no wider than the widest card.
+def half_extent(mean_squares: Tensor) -> Tensor:
+    """Return (p, q) of the cards with these mean x^2 and y^2, no wider than the widest card.
 
-    The mean over a card stays below 1/3; a lobe that spreads farther gets the widest card.
+    The mean over a card stays below 1/3; more gets the widest card.
 
     Args:
-        lobes: N lobes with any batch shape.  [..., N, .]
+        mean_squares: Of unit directions, float64.  [..., 2]
 
     Returns:
-        Half width and half height at distance 1, float64.  [..., N, 2]
+        Half width and half height at distance 1.  [..., 2]
     """
-    zeroth, _, second = asg.moments(lobes.to(torch.float64))
-    rest = 1 - 3 * second[..., :2] / zeroth[..., None]  # 1 - 3 mean x^2, 1 - 3 mean y^2
-    widest = math.tan(math.radians(HALF_ANGLE_MAX_DEG))
-    rest = rest.clamp(min=1 / (1 + widest**2))  # at and below it the card is the widest
-    corner = torch.zeros_like(zeroth)
+    rest = 1 - 3 * mean_squares
+    rest = rest.clamp(min=1 / (1 + _WIDEST**2))  # at and below it the card is the widest
+    corner = torch.zeros_like(rest[..., 0])
     extent = torch.zeros_like(rest)
     for _ in range(FIXED_POINT_STEPS):
         # s / atan s tends to 1; the clamp avoids 0 / 0 and is exact to 1e-24
         ratio = corner.clamp(min=1e-12) / torch.atan(corner.clamp(min=1e-12))
-        extent = (ratio[..., None] / rest - 1).sqrt().clamp(max=widest)
+        extent = (ratio[..., None] / rest - 1).sqrt().clamp(max=_WIDEST)
         corner = _corner(extent)
     return extent
 
 
-def values(lobes: Lobes, distance: float) -> dict[str, Tensor]:
-    """Return the RectLight attributes of each lobe, or of each side of a bingham lobe.
+def mean_squares(lobes: Lobes) -> Tensor:
+    """Return each lobe's mean x^2 and y^2, in its frame, float64.  [..., N, 2]."""
+    zeroth, _, second = asg.moments(lobes.to("cpu", torch.float64))
+    return second[..., :2] / zeroth[..., None]
+
+
+def kinds(lobes: Lobes) -> list[Kind]:
+    """Choose what each lobe is in all frames, by its mean over them, weighted by flux.
 
     Args:
-        lobes: N lobes with any batch shape.  [..., N, .]
-        distance: From the origin to the card's centre, in stage units.
+        lobes: Lobes of F frames.  [F, N, .]
 
     Returns:
-        Width, height, intensity [..., N, 1] and colour [..., N, 3], float64.
+        One for each lobe.
+    """
+    lobes = lobes.to("cpu", torch.float64)
+    weight = asg.flux(lobes).sum(-1)
+    dark = weight.sum(0) == 0
+    weight = torch.where(dark, 1.0, weight) / torch.where(dark, len(weight), weight.sum(0))
+    square = (weight * mean_squares(lobes).amax(-1)).sum(0)
+    width = (weight * texels.lobe_width(lobes)).sum(0)
+    single = square <= SINGLE_SQUARE
+    # The outer card would be wider than the widest, and the fill has texels for the narrow side.
+    fits = width >= FILL_WIDTH_TEXELS * math.pi / FILL_HEIGHT
+    fill = (square * _OUTER > _SQUARE_MAX) & fits
+    return [
+        Kind.FILL if is_fill else Kind.SINGLE if is_single else Kind.SOFT
+        for is_fill, is_single in zip(fill.tolist(), single.tolist(), strict=True)
+    ]
+
+
+def values(lobes: Lobes, distance: float, kind: Kind) -> dict[Piece, dict[str, Tensor]]:
+    """Return the RectLight attributes of each lobe's cards, on each side for the bingham form.
+
+    Args:
+        lobes: N lobes of a kind, with any batch shape.  [..., N, .]
+        distance: From the origin to the cards, in stage units.
+        kind: Which kind.
+
+    Returns:
+        For each card width, height, intensity [..., N, 1] and colour [..., N, 3], float64.
     """
     lobes = lobes.to(torch.float64)
-    extent = half_extent(lobes)
+    squares, flux = mean_squares(lobes), asg.flux(lobes)
     sides = 2 if lobes.form is Form.BINGHAM else 1
-    radiance = asg.flux(lobes) / sides / solid_angle(extent)[..., None]
-    intensity, color = intensity_and_color(radiance)
-    return {
-        schema.WIDTH: 2 * distance * extent[..., :1],
-        schema.HEIGHT: 2 * distance * extent[..., 1:],
-        schema.INTENSITY: intensity[..., None],
-        schema.COLOR: color,
-    }
+    found = {}
+    for share, pieces in LEVELS[kind]:
+        extents = [
+            half_extent(squares * torch.tensor(piece.squares, dtype=torch.float64))
+            for piece in pieces
+        ]
+        angle = torch.stack([solid_angle(extent) for extent in extents]).sum(0)
+        intensity, color = intensity_and_color(share / sides * flux / angle[..., None])
+        for piece, extent in zip(pieces, extents, strict=True):
+            size = 2 * piece.distance * distance * extent
+            found[piece] = {
+                schema.WIDTH: size[..., :1],
+                schema.HEIGHT: size[..., 1:],
+                schema.INTENSITY: intensity[..., None],
+                schema.COLOR: color,
+            }
+    return found
+
+
+def lights(lobes: Lobes, distance: float, chosen: Sequence[Kind]) -> list[list[Light]]:
+    """Return the cards of every lobe.
+
+    Args:
+        lobes: Lobes of F frames.  [F, N, .]
+        distance: From the origin to the cards, in stage units.
+        chosen: What each lobe is.
+    """
+    found: list[list[Light]] = [[] for _ in chosen]
+    for kind in Kind:
+        members = [index for index, one in enumerate(chosen) if one is kind]
+        own = lobes.select(torch.tensor(members, dtype=torch.long))
+        for piece, tracks in values(own, distance, kind).items():
+            constants = {
+                schema.TRANSLATE: Gf.Vec3d(0, 0, piece.distance * distance),
+                schema.NORMALIZE: False,
+            }
+            for place, index in enumerate(members):
+                one = {name: value[:, place] for name, value in tracks.items()}
+                found[index].append(Light(piece.name, one, constants, (schema.TRANSLATE,)))
+    return [on_sides(own, lobes.form) for own in found]
 
 
 def _corner(half_extent: Tensor) -> Tensor:

@@ -9,7 +9,7 @@ stage's own layer and from none below it.
 """
 
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,15 +22,21 @@ from torch import Tensor
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
-from asglight.lobes.data import Form
 from asglight.usd import cards, distant, layer, samples, schema, staging
 from asglight.usd.authoring import TrackAuthor
 from asglight.usd.checks import check_target, check_tracks
 from asglight.usd.digest import author_digest, digest_of_prim
+from asglight.usd.lights import Light
 from asglight.usd.lint import lint_stage
 from asglight.usd.options import STAGE_SUFFIXES
 from asglight.usd.read import read_stage, read_usd
-from asglight.usd.read_options import dome_images, options_of
+from asglight.usd.read_options import (
+    dome_images,
+    fill_images,
+    options_of,
+    shown_kinds,
+    shown_threefold,
+)
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import space_for, to_stage
 from asglight.usd.stage import lobe_prims, numbers, open_rig, open_stage
@@ -84,7 +90,9 @@ class _Source:
         rig: The prim that holds the lobes.
         tracks: Its lobes.
         options: How it was written.
-        images: Those of its dome that are there, as USD resolves them.
+        kinds: What each lobe is in its cards.
+        threefold: Which lobes have three distant lights.
+        images: Those of its dome and of its fill that are there, as USD resolves them.
     """
 
     def __init__(self, path: Path) -> None:
@@ -98,7 +106,9 @@ class _Source:
         self.stage, self.rig = open_rig(path)
         self.stage.SetEditTarget(self.stage.GetSessionLayer())
         self.options = options_of(self.rig)
-        self.images = dome_images(self.rig)
+        self.kinds = shown_kinds(self.rig)
+        self.threefold = shown_threefold(self.rig)
+        self.images = dome_images(self.rig) + fill_images(self.rig)
 
     def show(self, representation: Representation) -> None:
         """Select a variant, in memory only."""
@@ -151,7 +161,9 @@ def write_edit_layer(
     with staging.staged(path) as place:
         height, space = below.options.dome_height, space_for(below.options)
         textures = staging.write_dome(tracks, place, height, space) if differing else []
-        built, author = _build(below, tracks, differing, staging.relative_names(textures))
+        refill = differing and any(below.kinds[index] is cards.Kind.FILL for index in edited)
+        fill = staging.write_fill(tracks, below.kinds, place, space) if refill else []
+        built, author = _build(below, tracks, differing, {schema.DOME: textures, schema.FILL: fill})
         built.subLayerPaths = [_reference(below.path, place.parent)]
         staging.export(built, place)
         _author_digests(built, place, differing)
@@ -160,7 +172,7 @@ def write_edit_layer(
         _check_lights(below, place, edited)
         built.subLayerPaths = [_reference(below.path, path.parent)]
         staging.export(built, place)
-        return staging.move_into_place(place, path, textures, author)
+        return staging.move_into_place(place, path, [*textures, *fill], author)
 
 
 def _tracks(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> Iterator[_Track]:
@@ -171,32 +183,33 @@ def _tracks(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> Iter
     names = [prim.GetName() for prim in lobe_prims(below.rig)]
     scope = below.rig.GetPath().AppendChild(schema.LOBES)
     own = [scope.AppendChild(names[index]) for index in chosen]
-    yield from _of_lobes([[path] for path in own], None, layer.lobe_tracks(lobes))
-    lights: Mapping[Representation, Mapping[str, Tensor]] = {
-        Representation.CARDS: cards.values(lobes, below.options.card_distance),
-        Representation.DISTANT: distant.values(lobes),
+    for place, path in enumerate(own):
+        for name, values in layer.lobe_tracks(lobes).items():
+            target = path.AppendProperty(name)
+            yield _Track(target, None, values[:, place], layer.LOBE_TOLERANCE)
+    kinds = [below.kinds[index] for index in chosen]
+    threefold = [below.threefold[index] for index in chosen]
+    lights = {
+        Representation.CARDS: cards.lights(lobes, below.options.card_distance, kinds),
+        Representation.DISTANT: distant.lights(lobes, threefold),
     }
-    for representation, values in lights.items():
+    for representation, of_lobes in lights.items():
         selection = schema.VARIANT_SET, str(representation)
         variant = below.rig.GetPath().AppendVariantSelection(*selection)
         in_variant = [path.ReplacePrefix(below.rig.GetPath(), variant) for path in own]
-        sides = schema.SIDES if lobes.form is Form.BINGHAM else ()
-        paths = [[path.AppendChild(side) for side in sides] or [path] for path in in_variant]
-        yield from _of_lobes(paths, representation, values)
+        for path, of_lobe in zip(in_variant, of_lobes, strict=True):
+            yield from _of_lobe(path, representation, of_lobe)
 
 
-def _of_lobes(
-    prims: list[list[Sdf.Path]],
-    representation: Representation | None,
-    values: Mapping[str, Tensor],
+def _of_lobe(
+    lobe: Sdf.Path, representation: Representation, lights: Sequence[Light]
 ) -> Iterator[_Track]:
-    """Yield the tracks of attributes [F, N, K] on the one or two prims of each lobe."""
-    tolerance = layer.LOBE_TOLERANCE if representation is None else layer.LIGHT_TOLERANCE
-    for index, paths in enumerate(prims):
-        for path in paths:
-            for name, value in values.items():
-                place = path.AppendProperty(name)
-                yield _Track(place, representation, value[:, index], tolerance)
+    """Yield the tracks of one lobe's lights."""
+    for light in lights:
+        path = lobe.AppendChild(light.name) if light.name else lobe
+        for name, values in light.tracks.items():
+            target = path.AppendProperty(name)
+            yield _Track(target, representation, values, layer.LIGHT_TOLERANCE)
 
 
 def _differs(below: _Source, track: _Track) -> bool:
@@ -205,14 +218,17 @@ def _differs(below: _Source, track: _Track) -> bool:
     if held is None:
         return True
     wanted = track.values.numpy()
-    if track.path.name == schema.ORIENT:  # q and -q are one rotation
+    if schema.VALUE_TYPES[track.path.name] == Sdf.ValueTypeNames.Quatf:  # q and -q are one rotation
         held = held * np.where((held * wanted).sum(-1, keepdims=True) < 0, -1.0, 1.0)
         return bool((np.abs(held - wanted) > SAME_QUATERNIONS).any())
     return bool((np.abs(held - wanted) > SAME_NUMBERS * track.tolerance * np.abs(wanted)).any())
 
 
 def _build(
-    below: _Source, tracks: LobeTracks, differing: list[_Track], textures: list[str]
+    below: _Source,
+    tracks: LobeTracks,
+    differing: list[_Track],
+    images: Mapping[str, Sequence[Path]],
 ) -> tuple[Sdf.Layer, TrackAuthor]:
     built = Sdf.Layer.CreateAnonymous(".usda")
     root = below.stage.GetRootLayer().pseudoRoot
@@ -228,10 +244,12 @@ def _build(
     for track in differing:
         prim = Sdf.CreatePrimInLayer(built, track.path.GetPrimPath())
         author.track(prim, track.path.name, track.values, track.tolerance)
-    if textures:
-        variant = rig_path.AppendVariantSelection(schema.VARIANT_SET, str(Representation.DOME))
-        prim = Sdf.CreatePrimInLayer(built, variant.AppendChild(schema.DOME))
-        layer.author_textures(author, prim, textures)
+    owners = {schema.DOME: Representation.DOME, schema.FILL: Representation.CARDS}
+    for name, files in images.items():
+        if files:
+            variant = rig_path.AppendVariantSelection(schema.VARIANT_SET, str(owners[name]))
+            prim = Sdf.CreatePrimInLayer(built, variant.AppendChild(name))
+            layer.author_textures(author, prim, staging.relative_names(files))
     return built, author
 
 

@@ -6,7 +6,7 @@ representation turns with it and a reader needs none of them. Lights are derived
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
@@ -17,10 +17,11 @@ from pxr import Gf, Sdf, Vt
 from torch import Tensor
 
 from asglight.lobes import LobeTracks, frames
-from asglight.lobes.data import Form, Lobes
+from asglight.lobes.data import Lobes
 from asglight.usd import cards, distant, schema
 from asglight.usd.authoring import TrackAuthor, constant
 from asglight.usd.digest import author_digest, digest_of_values
+from asglight.usd.lights import Light
 from asglight.usd.options import StageOptions
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_for, to_stage
@@ -32,12 +33,13 @@ LIGHT_TOLERANCE = 2e-5
 """Relative. Lights are derived from lobes: four such errors, in width, height, intensity and
 colour, change a card's flux by 8e-5, a thirtieth of what the shape of the best card costs."""
 
-FLIP = Gf.Quatf(0, 1, 0, 0)
-"""Half a turn about x: from the front of a bingham lobe to its back."""
-
 
 def build(
-    tracks: LobeTracks, options: StageOptions, textures: Sequence[str], name: str
+    tracks: LobeTracks,
+    options: StageOptions,
+    textures: Sequence[str],
+    name: str,
+    fill: Sequence[str] = (),
 ) -> tuple[Sdf.Layer, TrackAuthor]:
     """Author the whole stage.
 
@@ -46,6 +48,7 @@ def build(
         options: What the stage shows, and where.
         textures: Dome images relative to the layer: one for each frame, or one for all.
         name: Of the layer's file.
+        fill: Images of the lobes that are fill, likewise; empty where no lobe is.
 
     Returns:
         An anonymous layer, and the author with its sample counts.
@@ -64,13 +67,18 @@ def build(
         _author_lobes(author, rig, tracks.names, lobes)
         variants = Sdf.VariantSetSpec(rig, schema.VARIANT_SET)
         in_cards, in_distant, in_dome = (
-            _lobes_in_variant(Sdf.VariantSpec(variants, str(representation)).primSpec, tracks.names)
+            Sdf.VariantSpec(variants, str(representation)).primSpec
             for representation in Representation
         )
-        offset = Gf.Vec3d(0, 0, options.card_distance)
-        _author_cards(author, in_cards, lobes.form, cards.values(lobes, offset[2]), offset)
-        _author_distants(author, in_distant, lobes.form, distant.values(lobes))
-        _author_dome(author, in_dome, textures, space)
+        kinds = cards.kinds(tracks.lobes)
+        on_cards = cards.lights(lobes, options.card_distance, kinds)
+        _author_lights(author, in_cards, "RectLight", tracks.names, on_cards)
+        if cards.Kind.FILL in kinds:
+            _author_dome(author, in_cards, schema.FILL, fill, space)
+        in_sky = distant.lights(lobes, distant.threefold(tracks.lobes, options.distant_lights))
+        _author_lights(author, in_distant, "DistantLight", tracks.names, in_sky)
+        _author_lights(author, in_dome, "DomeLight", tracks.names, [[]] * lobes.count)
+        _author_dome(author, in_dome, schema.DOME, textures, space)
     return layer, author
 
 
@@ -171,44 +179,41 @@ def _author_lobes(
         author_digest(lobe, digest_of_values(authored))
 
 
-def _author_cards(
+def _author_lights(
     author: TrackAuthor,
-    lobes: Sequence[Sdf.PrimSpec],
-    form: Form,
-    values: Mapping[str, Tensor],
-    offset: Gf.Vec3d,
+    variant: Sdf.PrimSpec,
+    type_name: str,
+    names: Sequence[str],
+    lights: Sequence[Sequence[Light]],
 ) -> None:
-    for index, lobe in enumerate(lobes):
-        for light, ops in _lights(lobe, form, "RectLight"):
-            constant(light, schema.TRANSLATE, offset)
-            constant(light, schema.OP_ORDER, [*ops, schema.TRANSLATE])
-            constant(light, schema.NORMALIZE, False)
-            for attribute, tensor in values.items():
-                author.track(light, attribute, tensor[:, index], LIGHT_TOLERANCE)
+    """Author the lights of every lobe; a lobe without one is data."""
+    scope = Sdf.PrimSpec(variant, schema.LOBES, Sdf.SpecifierOver)
+    for name, own in zip(names, lights, strict=True):
+        lobe = Sdf.PrimSpec(scope, name, Sdf.SpecifierOver)
+        if not any(light.name == "" for light in own):
+            lobe.typeName = "Xform"
+            constant(lobe, schema.OP_ORDER, [schema.ORIENT])
+        for light in own:
+            _author_light(author, lobe, type_name, light)
 
 
-def _author_distants(
-    author: TrackAuthor,
-    lobes: Sequence[Sdf.PrimSpec],
-    form: Form,
-    values: Mapping[str, Tensor],
-) -> None:
-    for index, lobe in enumerate(lobes):
-        for light, ops in _lights(lobe, form, "DistantLight"):
-            constant(light, schema.OP_ORDER, ops)
-            constant(light, schema.NORMALIZE, True)
-            for attribute, tensor in values.items():
-                author.track(light, attribute, tensor[:, index], LIGHT_TOLERANCE)
+def _author_light(author: TrackAuthor, lobe: Sdf.PrimSpec, type_name: str, light: Light) -> None:
+    if light.name:
+        prim, ops = Sdf.PrimSpec(lobe, light.name, Sdf.SpecifierDef, type_name), light.ops
+    else:
+        prim, ops = lobe, (schema.ORIENT, *light.ops)
+        lobe.typeName = type_name
+    for attribute, value in light.constants.items():
+        constant(prim, attribute, value)
+    constant(prim, schema.OP_ORDER, list(ops))
+    for attribute, tensor in light.tracks.items():
+        author.track(prim, attribute, tensor, LIGHT_TOLERANCE)
 
 
 def _author_dome(
-    author: TrackAuthor, lobes: Sequence[Sdf.PrimSpec], textures: Sequence[str], space: Space
+    author: TrackAuthor, variant: Sdf.PrimSpec, name: str, textures: Sequence[str], space: Space
 ) -> None:
-    variant = lobes[0].nameParent.nameParent
-    for lobe in lobes:
-        lobe.typeName = "Xform"
-        constant(lobe, schema.OP_ORDER, [schema.ORIENT])
-    dome = Sdf.PrimSpec(variant, schema.DOME, Sdf.SpecifierDef, "DomeLight")
+    dome = Sdf.PrimSpec(variant, name, Sdf.SpecifierDef, "DomeLight")
     constant(dome, schema.INTENSITY, 1.0)
     constant(dome, schema.COLOR, Gf.Vec3f(1))
     constant(dome, schema.TEXTURE_FORMAT, "latlong")
@@ -216,24 +221,3 @@ def _author_dome(
     if space.up_axis == "Z":  # a DomeLight has its pole at +Y, whatever is up
         constant(dome, schema.ROTATE_DOME, 90.0)
         constant(dome, schema.OP_ORDER, [schema.ROTATE_DOME])
-
-
-def _lobes_in_variant(variant: Sdf.PrimSpec, names: Sequence[str]) -> list[Sdf.PrimSpec]:
-    scope = Sdf.PrimSpec(variant, schema.LOBES, Sdf.SpecifierOver)
-    return [Sdf.PrimSpec(scope, name, Sdf.SpecifierOver) for name in names]
-
-
-def _lights(lobe: Sdf.PrimSpec, form: Form, type_name: str) -> list[tuple[Sdf.PrimSpec, list[str]]]:
-    """Make a lobe's lights: the lobe's own prim, or for an antipodal lobe one child a side.
-
-    Returns:
-        Each light with the transform ops that turn it towards its side.
-    """
-    if form is not Form.BINGHAM:
-        lobe.typeName = type_name
-        return [(lobe, [schema.ORIENT])]
-    lobe.typeName = "Xform"
-    constant(lobe, schema.OP_ORDER, [schema.ORIENT])
-    front, back = (Sdf.PrimSpec(lobe, side, Sdf.SpecifierDef, type_name) for side in schema.SIDES)
-    constant(back, schema.ORIENT_BACK, FLIP)
-    return [(front, []), (back, [schema.ORIENT_BACK])]

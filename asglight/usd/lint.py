@@ -115,14 +115,18 @@ def _lobe_findings(rig: Usd.Prim) -> Iterator[str]:
 def _representation_findings(rig: Usd.Prim, representation: Representation) -> Iterator[str]:
     """Check that each lobe, or the dome, is lit, and that no other kind of light is active."""
     expected = schema.LIGHT_TYPES[representation]
+    fill = rig.GetChild(schema.FILL) if representation is Representation.CARDS else Usd.Prim()
+    filled = bool(fill) and fill.GetTypeName() == schema.LIGHT_TYPES[Representation.DOME]
     for light in Usd.PrimRange(rig):
+        if filled and light == fill:
+            continue
         if light.HasAPI(UsdLux.LightAPI) and light.GetTypeName() != expected:
             yield (
                 f"{light.GetPath()}: is a {light.GetTypeName()} in {representation}; "
                 f"expected only {expected}"
             )
     dome = representation is Representation.DOME
-    lit = [rig] if dome else rig.GetChild(schema.LOBES).GetChildren()
+    lit = [rig] if dome else [] if filled else rig.GetChild(schema.LOBES).GetChildren()
     for prim in lit:
         if not any(light.HasAPI(UsdLux.LightAPI) for light in Usd.PrimRange(prim)):
             yield f"{prim.GetPath()}: no light in {representation}; expected a {expected}"

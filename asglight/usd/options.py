@@ -27,12 +27,15 @@ texel moves so far that a ball of roughness 0.25 is 2 % off, and in Blender, whi
 
 UP_AXES = ("Y", "Z")
 
+DISTANT_LIGHTS = (1, 3)
+"""How many distant lights an anisotropic lobe may have."""
+
 
 class Representation(StrEnum):
     """The three ways in which a stage shows the same lobes."""
 
     CARDS = "cards"
-    """One rectangular area light a lobe, of its flux and second moments."""
+    """Rectangular area lights of each lobe's flux and second moments; broad lobes in one dome."""
     DISTANT = "distant"
     """One distant light a lobe, of its irradiance and second moment; for real-time engines."""
     DOME = "dome"
@@ -51,6 +54,7 @@ class StageOptions:
         up_axis: Of the stage: `Y` or `Z`.
         primary_path: The prim that holds the lobes, such as `/World/Lights/Env`.
         colorspace: Linear space of the stage's colours, by a name that OpenColorIO knows.
+        distant_lights: Of an anisotropic lobe in `distant`: 1, or 3 in a row.
     """
 
     representation: str = Representation.CARDS
@@ -60,6 +64,7 @@ class StageOptions:
     up_axis: str = "Y"
     primary_path: str = "/AsgRig"
     colorspace: str = ocio.REC709
+    distant_lights: int = 1
 
     @property
     def card_distance(self) -> float:
@@ -84,6 +89,8 @@ def check_stage_options(options: StageOptions) -> None:
             raise InputError(f"{name}: {value:g}; expected a finite number above 0.")
     if options.dome_height < 2:
         raise InputError(f"dome height: {options.dome_height}; expected 2 rows or more.")
+    if options.distant_lights not in DISTANT_LIGHTS:
+        raise InputError(f"distant lights: {options.distant_lights}; expected 1 or 3.")
     if options.up_axis not in UP_AXES:
         raise InputError(
             f"up axis: {shown(options.up_axis)}; expected one of {', '.join(UP_AXES)}."

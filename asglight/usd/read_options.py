@@ -6,10 +6,10 @@ from pathlib import Path
 from pxr import Usd, UsdGeom
 
 from asglight.errors import InputError
-from asglight.usd import schema
+from asglight.usd import cards, distant, schema
 from asglight.usd.options import DISTANCE_M, DOME_HEIGHT, Representation, StageOptions
 from asglight.usd.spaces import space_of
-from asglight.usd.stage import image_height, open_rig, rig_data
+from asglight.usd.stage import image_height, lobe_prims, open_rig, rig_data
 
 
 def read_options(path: str | Path) -> StageOptions:
@@ -40,6 +40,7 @@ def options_of(rig: Usd.Prim) -> StageOptions:
         up_axis=space.up_axis,
         primary_path=str(rig.GetPath()),
         colorspace=space.colorspace,
+        distant_lights=3 if any(shown_threefold(rig)) else 1,
     )
 
 
@@ -49,14 +50,74 @@ def card_distance_of(rig: Usd.Prim) -> float:
     return float(rig_data(rig).get(schema.DISTANCE, usual))
 
 
+def card_kinds(rig: Usd.Prim) -> list[cards.Kind]:
+    """Return what the light of each lobe is in a rig that shows its cards.
+
+    What was switched off counts, as it was written.
+    """
+    filled = bool(rig.GetChild(schema.FILL))
+    return [_card_kind(prim, filled) for prim in lobe_prims(rig)]
+
+
+def _card_kind(lobe: Usd.Prim, filled: bool) -> cards.Kind:
+    below = [child.GetName() for child in lobe.GetAllChildren()]
+    soft = {piece.name for _, pieces in cards.LEVELS[cards.Kind.SOFT] for piece in pieces}
+    if any(name.rpartition("_")[2] in soft for name in below):
+        return cards.Kind.SOFT
+    has_own = lobe.GetTypeName() != "Xform" or not set(schema.SIDES).isdisjoint(below)
+    return cards.Kind.SINGLE if has_own or not filled else cards.Kind.FILL
+
+
+def threefold_lobes(rig: Usd.Prim) -> list[bool]:
+    """Tell which lobes have three lights in a rig that shows its distant lights."""
+    return [
+        any(child.GetName().rpartition("_")[2] == distant.MIDDLE for child in prim.GetAllChildren())
+        for prim in lobe_prims(rig)
+    ]
+
+
+def shown_kinds(rig: Usd.Prim) -> list[cards.Kind]:
+    """Return what the light of each lobe is in the cards.
+
+    Args:
+        rig: As of `options_of`.
+    """
+    _show(rig, Representation.CARDS)
+    return card_kinds(rig)
+
+
+def shown_threefold(rig: Usd.Prim) -> list[bool]:
+    """Tell which lobes have three distant lights.
+
+    Args:
+        rig: As of `options_of`.
+    """
+    _show(rig, Representation.DISTANT)
+    return threefold_lobes(rig)
+
+
 def dome_images(rig: Usd.Prim) -> list[str]:
     """Return the dome's images that are there, as USD resolves them.
 
     Args:
         rig: As of `options_of`.
     """
-    rig.GetVariantSet(schema.VARIANT_SET).SetVariantSelection(str(Representation.DOME))
-    attribute = rig.GetPrimAtPath(schema.DOME).GetAttribute(schema.TEXTURE)
+    return _images(rig, Representation.DOME, schema.DOME)
+
+
+def fill_images(rig: Usd.Prim) -> list[str]:
+    """Return the images of the cards' fill that are there, as `dome_images`."""
+    return _images(rig, Representation.CARDS, schema.FILL)
+
+
+def _show(rig: Usd.Prim, representation: Representation) -> None:
+    rig.GetVariantSet(schema.VARIANT_SET).SetVariantSelection(str(representation))
+
+
+def _images(rig: Usd.Prim, representation: Representation, name: str) -> list[str]:
+    _show(rig, representation)
+    prim = rig.GetChild(name)
+    attribute = prim.GetAttribute(schema.TEXTURE) if prim else None
     if not attribute:
         return []
     codes = [Usd.TimeCode.Default(), *map(Usd.TimeCode, attribute.GetTimeSamples())]

@@ -4,13 +4,15 @@
     /AsgRig                 Xform; variant set `representation`; custom data `asglight`; or any
                             other path, below Xforms
     /AsgRig/Lobes/lobe_NN   the lobe: AsgLobeAPI and xformOp:orient, outside the variants
-        cards               RectLight at (0, 0, distance) of the lobe frame
-        distant             DistantLight
+        cards               RectLight at (0, 0, distance) of the lobe frame if it is sharp, an
+                            Xform with three of them if it is softer, a mere Xform if it is broad
+        distant             DistantLight, or an Xform with three of them
         dome                Xform: data only
-    /AsgRig/Dome            DomeLight, in the variant dome only
+    /AsgRig/Fill            DomeLight of the broad lobes, in the variant cards only
+    /AsgRig/Dome            DomeLight of all lobes, in the variant dome only
 
 A light shines along its local -Z. A lobe of the bingham form shines from two sides: in `cards` and
-`distant` its prim is an Xform that holds two lights, `front` (axis_z) and `back` (-axis_z).
+`distant` its prim is an Xform that holds lights for both, `front` (axis_z) and `back` (-axis_z).
 """
 
 from pathlib import Path
@@ -26,7 +28,7 @@ FORMAT_VERSION = 1
 """Version of the stage layout, stored with the stage."""
 
 LOBE_API, COLORSPACE_API = "AsgLobeAPI", "ColorSpaceAPI"
-RIG, LOBES, DOME = "AsgRig", "Lobes", "Dome"
+RIG, LOBES, DOME, FILL = "AsgRig", "Lobes", "Dome", "Fill"
 SIDES = ("front", "back")
 VARIANT_SET = "representation"
 
@@ -40,7 +42,7 @@ DIGEST = "digest"
 
 ORIENT = "xformOp:orient"
 TRANSLATE = "xformOp:translate:dist"
-ORIENT_BACK = "xformOp:orient:back"
+ORIENT_BACK, ORIENT_SIDE = "xformOp:orient:back", "xformOp:orient:side"
 ROTATE_DOME = "xformOp:rotateX:orientToStageUpAxis"
 OP_ORDER = "xformOpOrder"
 SHARPNESS, AMPLITUDE, FORM = "asg:sharpness", "asg:amplitude", "asg:form"
@@ -55,6 +57,7 @@ COLORSPACE = "colorSpace:name"
 VALUE_TYPES = {
     ORIENT: Sdf.ValueTypeNames.Quatf,
     ORIENT_BACK: Sdf.ValueTypeNames.Quatf,
+    ORIENT_SIDE: Sdf.ValueTypeNames.Quatf,
     TRANSLATE: Sdf.ValueTypeNames.Double3,
     ROTATE_DOME: Sdf.ValueTypeNames.Float,
     OP_ORDER: Sdf.ValueTypeNames.TokenArray,

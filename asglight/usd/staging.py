@@ -11,15 +11,16 @@ import os
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import torch
 from pxr import Sdf, Tf
 
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
-from asglight.usd import dome
+from asglight.usd import cards, dome
 from asglight.usd.authoring import TrackAuthor
 from asglight.usd.faults import reason
 from asglight.usd.spaces import Space
@@ -73,14 +74,17 @@ def dome_folder(path: Path) -> Path:
     return path.parent / f"{path.stem}_dome"
 
 
-def write_dome(tracks: LobeTracks, place: Path, height: int, space: Space) -> list[Path]:
-    """Write the dome's images beside a staged stage.
+def write_dome(
+    tracks: LobeTracks, place: Path, height: int, space: Space, part: str = ""
+) -> list[Path]:
+    """Write a dome's images beside a staged stage.
 
     Args:
         tracks: Lobes of all frames.
         place: The staged stage.
         height: Rows; there are twice as many columns.
         space: Of the stage's colours.
+        part: Ends the names' stem, where not all lobes are shown.
 
     Returns:
         The files: one for each frame, or one.
@@ -89,13 +93,29 @@ def write_dome(tracks: LobeTracks, place: Path, height: int, space: Space) -> li
         InputError: A file cannot be written.
     """
     folder = dome_folder(place)
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     try:
-        return dome.write_textures(tracks, folder, place.stem, height, space)
+        return dome.write_textures(tracks, folder, f"{place.stem}{part}", height, space)
     except InputError as error:  # names a file of the hidden folder, which nobody asked for
         raise InputError(
             str(error).replace(shown(place.parent), shown(place.parent.parent))
         ) from error
+
+
+def write_fill(
+    tracks: LobeTracks, kinds: Sequence[cards.Kind], place: Path, space: Space
+) -> list[Path]:
+    """Write the images of the lobes that are fill, `<stem>.fill.<frame>.exr`; none for none.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    broad = torch.tensor([kind is cards.Kind.FILL for kind in kinds])
+    if not bool(broad.any()):
+        return []
+    names = tuple(name for name, one in zip(tracks.names, broad, strict=True) if one)
+    chosen = replace(tracks, lobes=tracks.lobes.to("cpu").select(broad), names=names)
+    return write_dome(chosen, place, cards.FILL_HEIGHT, space, ".fill")
 
 
 def relative_names(textures: Sequence[Path]) -> list[str]:

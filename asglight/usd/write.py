@@ -4,7 +4,7 @@
 from pathlib import Path
 
 from asglight.lobes import LobeTracks
-from asglight.usd import layer, staging
+from asglight.usd import cards, layer, staging
 from asglight.usd.checks import check_target, check_tracks
 from asglight.usd.lint import lint_stage
 from asglight.usd.options import STAGE_SUFFIXES, StageOptions, check_stage_options
@@ -23,12 +23,13 @@ def write_usd(
     up_axis: str = StageOptions.up_axis,
     primary_path: str = StageOptions.primary_path,
     colorspace: str = StageOptions.colorspace,
+    distant_lights: int = StageOptions.distant_lights,
 ) -> WriteReport:
     """Write tracks as one stage that holds cards, distant lights and a dome as variants.
 
-    The dome's images go to the folder `<stem>_dome` beside the stage, `<stem>.<frame>.exr`; tracks
-    that never change have one. Images of an earlier, longer write stay where they are. A package
-    holds its images itself.
+    The dome's images go to the folder `<stem>_dome` beside the stage, `<stem>.<frame>.exr`, those
+    of the cards' fill are `<stem>.fill.<frame>.exr`; tracks that never change have one. Images of
+    an earlier, longer write stay where they are. A package holds its images itself.
 
     Args:
         tracks: Lobes of F frames; metadata of JSON values, which come back as JSON gives them.
@@ -42,6 +43,7 @@ def write_usd(
             names is the default prim.
         colorspace: Linear space of the stage's colours, by a name that OpenColorIO knows, such as
             `ACEScg`. The tracks are Rec.709; `read_usd` converts back.
+        distant_lights: Of an anisotropic lobe in `distant`: 1, or 3 in a row.
 
     Returns:
         Files and sample counts.
@@ -59,20 +61,23 @@ def write_usd(
         up_axis=up_axis,
         primary_path=primary_path,
         colorspace=colorspace,
+        distant_lights=distant_lights,
     )
     check_stage_options(options)
     check_tracks(tracks)
     check_target(path, STAGE_SUFFIXES)
     with staging.staged(path) as place:
-        textures = staging.write_dome(tracks, place, dome_height, space_for(options))
+        space, kinds = space_for(options), cards.kinds(tracks.lobes)
+        textures = staging.write_dome(tracks, place, dome_height, space)
+        fill = staging.write_fill(tracks, kinds, place, space)
         root = staging.root_layer(place)
-        names = staging.relative_names(textures)
-        built, author = layer.build(tracks, options, names, root.name)
+        of_all, of_fill = (staging.relative_names(images) for images in (textures, fill))
+        built, author = layer.build(tracks, options, of_all, root.name, of_fill)
         staging.export(built, root)
         if root != place:
-            staging.package(place, [root, *textures])
+            staging.package(place, [root, *textures, *fill])
         findings = lint_stage(place)
         if findings:
             raise RuntimeError(f"the stage breaks its own contract: {findings}")
-        beside = textures if root == place else []
+        beside = [*textures, *fill] if root == place else []
         return staging.move_into_place(place, path, beside, author)

@@ -151,7 +151,8 @@ def test_info_and_view_say_what_another_program_edited(
     parts: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shot = str(tmp_path / "shot.usda")
-    assert main(["stitch", parts[1], "-o", shot, "--json"]) == 0
+    distant = ["--representation", "distant"]  # a lobe is one light
+    assert main(["stitch", parts[1], "-o", shot, "--json", *distant]) == 0
     stage = Usd.Stage.Open(shot)
     for index in (0, 1):
         light = UsdLux.LightAPI(stage.GetPrimAtPath(f"/AsgRig/Lobes/lobe_0{index}"))

@@ -66,6 +66,13 @@ def moving(
     )
 
 
+def of_every_kind(frames: Sequence[int], form: Form = Form.ASG) -> LobeTracks:
+    """Return a broad, a soft and a sharp lobe that move: in the fill, three cards, one card."""
+    tracks = moving(frames, form=form)
+    tracks.lobes.sharpness[:] *= torch.tensor([0.02, 3.0, 300.0])[:, None]
+    return tracks
+
+
 def still(shapes: Sequence[tuple[float, float]] = SHAPES, form: Form = Form.ASG) -> LobeTracks:
     """Return one frame with a lobe of each sharpness, turned at random, of three colours."""
     axes = rows(Rotation.random(len(shapes), rng=np.random.default_rng(5)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Card sizes against quadrature over the rectangle and over the sphere."""
+"""Card sizes against quadrature over the rectangle; which lobe gets which cards."""
 
 import math
 
@@ -9,11 +9,8 @@ import torch
 from scipy import integrate
 
 from asglight.lobes import Form, Lobes, asg
-from asglight.sphere.quadrature import fibonacci_directions
 from asglight.usd import cards
-
-DIRECTIONS = fibonacci_directions(100_000, dtype=torch.float64)
-STERADIANS = 4 * math.pi / len(DIRECTIONS)
+from asglight.usd.cards import Kind
 
 
 def one_lobe(form: Form, sharpness: tuple[float, float]) -> Lobes:
@@ -46,7 +43,7 @@ def test_the_card_has_the_mean_squares_of_the_lobe(form, sharpness):
     if form is Form.SG:
         sharpness = (sharpness[0],) * 2
     lobe = one_lobe(form, sharpness)
-    p, q = cards.half_extent(lobe)[0].tolist()
+    p, q = cards.half_extent(cards.mean_squares(lobe))[0].tolist()
     # the lobe's moments have tests of their own in tests/lobes; this one is about the card
     zeroth, _, second = asg.moments(lobe)
     wanted = (second[0, :2] / zeroth[0]).tolist()
@@ -68,46 +65,83 @@ def test_every_sharpness_gives_a_finite_card_no_wider_than_the_widest():
             torch.ones(len(pairs), 3, dtype=torch.float64),
             form,
         )
-        extent = cards.half_extent(lobes)
+        extent = cards.half_extent(cards.mean_squares(lobes))
         assert torch.isfinite(extent).all()
         assert (extent > 0).all()
         assert float(extent.max()) <= widest
 
 
-def diffuse_error(lobe: Lobes) -> float:
-    """Return the RMS error of irradiance over 200 normals, relative to the lobe's RMS."""
-    normals = fibonacci_directions(200, dtype=torch.float64)
-    lambert = (normals @ DIRECTIONS.T).clamp(min=0) * STERADIANS
-    p, q = cards.half_extent(lobe)[0]
-    x, y, z = DIRECTIONS.unbind(-1)
-    # a bingham lobe has a second card behind
-    depth = z.abs() if lobe.form is Form.BINGHAM else z
-    card = ((x.abs() <= p * depth) & (y.abs() <= q * depth)).double()
-    value = asg.unit_lobes(lobe, DIRECTIONS)[0]
-    card *= value.sum() / card.sum()  # equal flux on the same directions
-    error = lambert @ (card - value)
-    return float(error.square().mean().sqrt() / (lambert @ value).square().mean().sqrt())
+@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize("sharpness", [(9.0, 6.0), (12.0, 40.0), (400.0, 30.0)])
+def test_three_cards_have_the_flux_and_the_mean_squares_of_the_lobe(form, sharpness):
+    lobe = one_lobe(form, (sharpness[0],) * 2 if form is Form.SG else sharpness)
+    flux = x_squared = y_squared = 0.0
+    for piece, values in cards.values(lobe, 1.0, Kind.SOFT).items():
+        p, q = (
+            float(values[f"inputs:{name}"]) / 2 / piece.distance for name in ("width", "height")
+        )
+        radiance = float(values["inputs:intensity"]) * (2 if form is Form.BINGHAM else 1)
+        flux += radiance * over_card(p, q, 0)
+        x_squared += radiance * over_card(p, q, 2)
+        y_squared += radiance * over_card(q, p, 2)
+    zeroth, _, second = asg.moments(lobe)
+    assert flux == pytest.approx(float(zeroth[0]), rel=1e-6)
+    # the two inner cards share a radiance, so their shares of the flux differ a little
+    assert x_squared == pytest.approx(float(second[0, 0]), rel=0.02)
+    assert y_squared == pytest.approx(float(second[0, 1]), rel=0.02)
+
+
+def test_no_two_cards_of_a_lobe_coincide():
+    lights = cards.lights(frames_of(Form.ASG, [(20.0, 5.0)]), 1000.0, [Kind.SOFT])[0]
+    assert [light.name for light in lights] == ["tall", "wide", "outer"]
+    places = [light.constants["xformOp:translate:dist"][2] for light in lights]
+    assert places == pytest.approx([1000, 1001, 1002])
+
+
+def frames_of(form: Form, sharpness: list[tuple[float, float]], flux: list[float] | None = None):
+    """Return one lobe over as many frames, of the flux or, without one, of amplitude 1."""
+    lobes = Lobes(
+        torch.eye(3).expand(len(sharpness), 1, 3, 3),
+        torch.tensor(sharpness)[:, None],
+        torch.ones(len(sharpness), 1, 3),
+        form,
+    )
+    if flux is not None:
+        lobes.amplitude[:] = (torch.tensor(flux)[:, None] / asg.integral(lobes))[..., None]
+    return lobes
 
 
 @pytest.mark.parametrize(
-    ("form", "sharpness", "loss"),
+    ("form", "sharpness", "kind"),
     [
-        (Form.ASG, (1e-3, 1e-3), 0.02),
-        (Form.ASG, (1e-3, 50.0), 0.02),
-        (Form.SG, (1.0, 1.0), 0.27),
-        (Form.SG, (0.01, 0.01), 0.63),
-        (Form.BINGHAM, (0.01, 0.01), 0.03),
-        (Form.BINGHAM, (0.01, 50.0), 0.16),
+        (Form.ASG, (2e4, 1e4), Kind.SINGLE),
+        (Form.ASG, (2e4, 300.0), Kind.SOFT),
+        (Form.ASG, (200.0, 20.0), Kind.SOFT),
+        (Form.ASG, (3.0, 4.0), Kind.SOFT),
+        (Form.ASG, (1.5, 1.5), Kind.FILL),
+        (Form.ASG, (0.001, 40.0), Kind.FILL),
+        (Form.ASG, (0.001, 80.0), Kind.SOFT),  # narrower than the fill's texels
+        (Form.SG, (8.0, 8.0), Kind.SOFT),
+        (Form.SG, (4.0, 4.0), Kind.FILL),
+        (Form.BINGHAM, (6.0, 6.0), Kind.SOFT),
+        (Form.BINGHAM, (2.0, 6.0), Kind.FILL),
     ],
 )
-def test_broad_lobes_lose_no_more_irradiance_than_documented(form, sharpness, loss):
-    error = diffuse_error(one_lobe(form, sharpness))
-    assert loss - 0.02 < error < loss
+def test_the_kind_goes_by_the_width(form, sharpness, kind):
+    assert cards.kinds(frames_of(form, [sharpness])) == [kind]
+
+
+def test_the_kind_is_that_of_the_frames_that_shine():
+    broad, sharp = (0.5, 0.5), (5e3, 5e3)
+    assert cards.kinds(frames_of(Form.ASG, [broad, sharp], [1.0, 1e9])) == [Kind.SINGLE]
+    assert cards.kinds(frames_of(Form.ASG, [broad, sharp], [1e9, 1.0])) == [Kind.FILL]
+    assert cards.kinds(frames_of(Form.ASG, [broad, broad], [0.0, 0.0])) == [Kind.FILL]
 
 
 def test_card_values_scale_with_distance_and_keep_the_radiance():
     lobe = one_lobe(Form.ASG, (20.0, 5.0))
-    near, far = cards.values(lobe, 1.0), cards.values(lobe, 250.0)
-    np.testing.assert_allclose(far["inputs:width"], 250 * near["inputs:width"], rtol=1e-12)
-    np.testing.assert_allclose(far["inputs:height"], 250 * near["inputs:height"], rtol=1e-12)
-    assert torch.equal(far["inputs:intensity"], near["inputs:intensity"])
+    near, far = (cards.values(lobe, distance, Kind.SOFT) for distance in (1.0, 250.0))
+    for piece, values in near.items():
+        for name in ("inputs:width", "inputs:height"):
+            np.testing.assert_allclose(far[piece][name], 250 * values[name], rtol=1e-12)
+        assert torch.equal(far[piece]["inputs:intensity"], values["inputs:intensity"])

@@ -12,7 +12,7 @@ import pytest
 import torch
 from pxr import Sdf, Usd, UsdValidation
 from scipy.spatial.transform import Rotation
-from usd_tracks import contents, edited, moving, still
+from usd_tracks import contents, edited, moving, of_every_kind, still
 
 from asglight.errors import InputError
 from asglight.images import read_latlong
@@ -94,20 +94,21 @@ def assert_shows_what_writing_shows(path: Path, tracks: LobeTracks, height: int 
 
 def fit(folder: Path, form: Form = Form.ASG, name: str = "fit.usda") -> tuple[Path, LobeTracks]:
     path = folder / name
-    write_usd(moving(FRAMES, form=form), path, distance=50.0, meters_per_unit=0.01, dome_height=8)
+    write_usd(of_every_kind(FRAMES, form), path, distance=50.0, meters_per_unit=0.01, dome_height=8)
     return path, read_usd(path)
 
 
+@pytest.mark.parametrize("lobe", range(3), ids=["fill", "soft", "single"])
 @pytest.mark.parametrize("form", Form)
 @pytest.mark.parametrize(
     ("frames", "extension"), [(slice(None), "usda"), (slice(2, 3), "usdc")], ids=["all", "one"]
 )
-def test_the_layer_shows_what_writing_the_edited_tracks_shows(form, frames, extension, tmp_path):
+def test_the_layer_shows_what_writing_the_edit_shows(form, frames, extension, lobe, tmp_path):
     path, tracks = fit(tmp_path, form)
     before = contents(tmp_path)
-    after = changed(tracks, 1, frames, "turn", "brighten", "sharpen")
+    after = changed(tracks, lobe, frames, "turn", "brighten", "sharpen")
     target = tmp_path / f"edit.{extension}"
-    report = write_edit_layer(target, path, after, [1])
+    report = write_edit_layer(target, path, after, [lobe])
     assert lint_stage(target) == []
     assert {name: contents(tmp_path)[name] for name in before} == before
     assert set(report.files) == {tmp_path / n for n in contents(tmp_path).keys() - before.keys()}
@@ -167,6 +168,30 @@ def test_tracks_that_stand_still_can_be_made_to_move_and_back(tmp_path):
     assert_shows_what_writing_shows(tmp_path / "still.usda", stilled)
 
 
+def test_a_lobe_keeps_the_kind_of_light_that_it_has_in_the_stage(tmp_path):
+    path, tracks = fit(tmp_path)
+    tracks.lobes.sharpness[:, 0] = 50.0  # in the fill: written anew, it would be three cards
+    tracks.lobes.sharpness[:, 2] = 0.5  # one card: written anew, it would be in the fill
+    write_edit_layer(tmp_path / "edit.usda", path, tracks, [0, 2])
+    assert lint_stage(tmp_path / "edit.usda") == []
+    after = shown(tmp_path / "edit.usda", Representation.CARDS)
+    assert after.keys() == shown(path, Representation.CARDS).keys()
+    _, fill = after["/AsgRig/Fill.inputs:texture:file"]
+    for image, amplitude in zip(fill[1:], tracks.lobes.amplitude[:, 0], strict=True):
+        peak = float(read_latlong(image.resolvedPath).radiance.amax())
+        # the mean of the brightest texel, whose centre may be half a texel away
+        assert 0.7 * float(amplitude.amax()) < peak < float(amplitude.amax())
+
+
+def test_the_fill_is_written_anew_only_for_a_lobe_in_it(tmp_path):
+    path, tracks = fit(tmp_path)
+    for lobe, images in ((0, 2 * len(FRAMES)), (1, len(FRAMES))):
+        after = changed(tracks, lobe, slice(1), "turn")
+        report = write_edit_layer(tmp_path / f"edit{lobe}.usda", path, after, [lobe])
+        assert len(report.files) == 1 + images
+        assert sum(".fill." in file.name for file in report.files) == images - len(FRAMES)
+
+
 def test_a_layer_of_edits_can_be_edited(tmp_path):
     path, tracks = fit(tmp_path)
     first = changed(tracks, 1, slice(None), "turn", "sharpen")
@@ -215,7 +240,7 @@ def test_no_edit_gives_a_layer_that_adds_nothing(tmp_path):
 
 def test_a_light_that_was_changed_by_hand_stays_on_the_lobes_that_were_not_edited(tmp_path):
     path, _ = fit(tmp_path)
-    place = "/AsgRig{representation=cards}Lobes/lobe_00.inputs:intensity"
+    place = "/AsgRig{representation=cards}Lobes/lobe_02.inputs:intensity"
 
     def dim(layer: Sdf.Layer) -> None:
         for time in layer.ListTimeSamplesForPath(place):
@@ -226,7 +251,7 @@ def test_a_light_that_was_changed_by_hand_stays_on_the_lobes_that_were_not_edite
     after = changed(read_usd(path), 1, slice(None), "turn")
     write_edit_layer(tmp_path / "edit.usda", path, after, [1])
     _, values = shown(tmp_path / "edit.usda", Representation.CARDS)[
-        "/AsgRig/Lobes/lobe_00.inputs:intensity"
+        "/AsgRig/Lobes/lobe_02.inputs:intensity"
     ]
     assert set(values) == {0.25}
 

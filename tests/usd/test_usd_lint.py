@@ -12,7 +12,7 @@ from asglight.errors import InputError
 from asglight.usd import lint_stage, write_usd
 
 LOBE = "/AsgRig/Lobes/lobe_01"
-CARD = "/AsgRig{representation=cards}Lobes/lobe_01"
+CARD = "/AsgRig{representation=cards}Lobes/lobe_02"
 DISTANT = "/AsgRig{representation=distant}Lobes/lobe_01"
 DOME = "/AsgRig{representation=dome}Dome"
 
@@ -170,14 +170,16 @@ BREAKS = {
     "lobes": (remove_lobes, "^/: no prim with Lobes; expected /AsgRig$"),
     "no lobes": (empty_lobes, "^/AsgRig/Lobes: empty; expected lobes$"),
     "second light": (second_light, "^/AsgRig/Sun: is a DistantLight in dome; expected only DomeL"),
-    "no light": (no_light, f"^{LOBE}: no light in cards; expected a RectLight$"),
+    "no light": (no_light, "^/AsgRig/Lobes/lobe_02: no light in cards; expected a RectLight$"),
 }
 
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("sound") / "shot.usda"
-    write_usd(moving(range(1001, 1007), jitter=0.1), path, dome_height=2)
+    tracks = moving(range(1001, 1007), jitter=0.1)
+    tracks.lobes.sharpness[:, 2] *= 500  # one card
+    write_usd(tracks, path, dome_height=2)
     assert lint_stage(path) == []
     return path
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdUtils, UsdValidation
-from usd_tracks import assert_same, contents, edited, moving, still
+from usd_tracks import assert_same, contents, edited, moving, of_every_kind, still
 
 from asglight.errors import InputError
 from asglight.images import read_latlong
@@ -34,6 +34,7 @@ EVERYTHING = {
     "up_axis": "Z",
     "primary_path": "/World/Lights/Env",
     "colorspace": "lin_ap1_scene",
+    "distant_lights": 3,
 }
 
 
@@ -76,13 +77,14 @@ def test_a_stage_with_every_option_comes_back_and_validates(extension, tmp_path)
 
 def test_the_primary_path_holds_the_lobes_below_xforms(tmp_path):
     path = tmp_path / "shot.usda"
-    write_usd(moving(FRAMES), path, primary_path="/World/Lights/Env", dome_height=2)
+    write_usd(of_every_kind(FRAMES), path, primary_path="/World/Lights/Env", dome_height=2)
     stage = Usd.Stage.Open(str(path))
     assert stage.GetDefaultPrim().GetPath() == "/World"
     above = [stage.GetPrimAtPath(p).GetTypeName() for p in ("/World", "/World/Lights")]
     assert above == ["Xform", "Xform"]
     lobes = stage.GetPrimAtPath("/World/Lights/Env/Lobes").GetChildren()
-    assert [lobe.GetTypeName() for lobe in lobes] == ["RectLight"] * 3
+    assert [lobe.GetTypeName() for lobe in lobes] == ["Xform", "Xform", "RectLight"]
+    assert stage.GetPrimAtPath("/World/Lights/Env/Fill").GetTypeName() == "DomeLight"
     assert not stage.GetPrimAtPath("/AsgRig")
 
 
@@ -99,9 +101,9 @@ def test_a_rig_is_found_where_a_shot_refers_to_it(tmp_path):
 def test_cards_stand_a_kilometre_away_in_any_unit(tmp_path):
     for unit in (1.0, 0.01, 0.0254):
         path = tmp_path / f"shot_{unit}.usda"
-        write_usd(moving(FRAMES), path, meters_per_unit=unit, dome_height=2)
+        write_usd(of_every_kind(FRAMES), path, meters_per_unit=unit, dome_height=2)
         stage = Usd.Stage.Open(str(path))
-        lobe = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00")
+        lobe = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_02")
         place = UsdGeom.XformCache(1002).GetLocalToWorldTransform(lobe).ExtractTranslation()
         # float32 quaternions
         assert place.GetLength() * unit == pytest.approx(1000.0, rel=1e-6)

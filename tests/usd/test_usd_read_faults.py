@@ -101,7 +101,7 @@ def block(layer: Sdf.Layer) -> None:
 
 NAN = float("nan")
 DAMAGES = {
-    "api": (no_api, "holds 3 RectLight, and no AsgLobeAPI prim; expected the lobes of a stage"),
+    "api": (no_api, "holds 9 RectLight, and no AsgLobeAPI prim; expected the lobes of a stage"),
     "missing": (drop("asg:amplitude"), f"{LOBE}.asg:amplitude is missing; expected type color3f"),
     "type": (retype, f"{LOBE}.asg:sharpness is of type double; expected type float2"),
     "blocked": (block, f"{LOBE}.asg:amplitude has no value at frame 1005"),

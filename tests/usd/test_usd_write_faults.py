@@ -76,6 +76,7 @@ def test_a_folder_without_permission_is_named():
         ({"colorspace": "sRGB - Display"}, "colorspace: sRGB - Display; expected a linear space"),
         ({"colorspace": ""}, "colorspace: empty; expected a linear space with primaries: Linear R"),
         ({"up_axis": "X"}, "up axis: X; expected one of Y, Z"),
+        ({"distant_lights": 2}, "distant lights: 2; expected 1 or 3"),
         ({"dome_height": 1}, "dome height: 1; expected 2 rows or more"),
     ],
 )

@@ -1,0 +1,328 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the lights of a lobe are in a stage, beside what `write_usd` would author.
+
+A lobe may have several lights: three cards, three distant lights, and for the bingham form those of
+both sides. They are taken together, by one size, one light and one turn: means by shares that stay
+those of the written lights. So what was done to all of them alike counts as it is, and what was
+done to one of three cards by its share of the flux.
+
+Dimension letters: F frames, L lights of a lobe, S sizes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
+
+from asglight.lobes import Lobes, frames
+from asglight.usd import cards, distant, schema
+from asglight.usd.lights import Light
+from asglight.usd.schema import Representation
+from asglight.usd.stage import numbers
+
+EDITED = 1e-3
+"""Relative. Programs write four digits or more, and nobody sees less; samples that were left out
+cost a fiftieth of it."""
+
+SIDE_MOVED = 2e-3
+"""Of a component of the quaternion that tilts an outer distant light. The tilt is the root of a
+difference of mean squares: where a lobe is nearly round, the 3e-6 of it that samples may be off
+tilt by 2e-3, a component by half as much."""
+
+APART_DEG = 0.5
+"""Between the turns of a lobe's lights; two of SIDE_MOVED."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LobeLights:
+    """The lights of one lobe, taken together.
+
+    Attributes:
+        sizes: Width and height, or the angle: geometric mean.  [F, S]
+        light: Radiance or irradiance: mean.  [F, 3]
+        turn: From the authored frame to the edited one, for row vectors; None where the transforms
+            are as authored.  [F, 3, 3]
+        apart: What was done to some of the lights only, in words.
+    """
+
+    sizes: Array
+    light: Array
+    turn: Array | None = None
+    apart: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class View:
+    """What is looked at.
+
+    Attributes:
+        rig: The prim that holds the lobes.
+        times: Frame numbers.  F
+        representation: The variant that is selected.
+        distance: Of the cards as written.
+        kinds: Of each lobe in `cards`.
+        threefold: Of each lobe in `distant`: whether it has three lights.
+    """
+
+    rig: Usd.Prim
+    times: tuple[int, ...]
+    representation: Representation
+    distance: float
+    kinds: Sequence[cards.Kind] = ()
+    threefold: Sequence[bool] = ()
+
+    @property
+    def is_cards(self) -> bool:
+        """Tell whether lights are cards."""
+        return self.representation is Representation.CARDS
+
+    @property
+    def size_names(self) -> tuple[str, ...]:
+        """Return the attributes that say how large a light is."""
+        return (schema.WIDTH, schema.HEIGHT) if self.is_cards else (schema.ANGLE,)
+
+    def spread(self, sizes: Array) -> Array:
+        """Return the squared sines of half the angles that lights are seen under.  [F, S]."""
+        if self.is_cards:
+            squares = (sizes / (2 * self.distance)) ** 2
+            return squares / (1 + squares)
+        return np.sin(np.radians(np.minimum(sizes, 180.0)) / 2) ** 2
+
+    def lights(self, lobes: Lobes, indices: Sequence[int]) -> list[list[Light]]:
+        """Return the lights that `write_usd` would author, of the kinds that the stage has.
+
+        Args:
+            lobes: Those of the indices.  [F, N, .]
+            indices: Of the lobes in the stage.
+        """
+        if self.is_cards:
+            return cards.lights(lobes, self.distance, [self.kinds[index] for index in indices])
+        return distant.lights(lobes, [self.threefold[index] for index in indices])
+
+    def values(self, prim: Usd.Prim, name: str, fallback: object) -> Array:
+        """Return an attribute at every frame, or what stands for one without a value.  [F, K]."""
+        attribute = prim.GetAttribute(name)
+        query = Usd.AttributeQuery(attribute) if attribute else None
+        varies = query is not None and query.ValueMightBeTimeVarying()
+        times = self.times if varies else self.times[:1]
+        found = [query.Get(time) if query else None for time in times]
+        rows = [fallback if value is None else value for value in found]
+        kind = schema.VALUE_TYPES.get(name, Sdf.ValueTypeNames.Float)
+        return np.repeat(numbers(rows, kind), 1 if varies else len(self.times), axis=0)
+
+    def brightness(self, light: Usd.Prim) -> Array:
+        """Return intensity, colour and exposure together.  [F, 3]."""
+        return (
+            self.values(light, schema.INTENSITY, 1.0)
+            * self.values(light, schema.COLOR, Gf.Vec3f(1))
+            * 2.0 ** self.values(light, schema.EXPOSURE, 0.0)
+        )
+
+    def hidden(self, prim: Usd.Prim) -> NDArray[np.bool_]:
+        """Tell in which frames a prim itself is invisible, whatever those above it are.  [F]."""
+        attribute = prim.GetAttribute(UsdGeom.Tokens.visibility)
+        if not attribute or not attribute.HasAuthoredValue():
+            return np.zeros(len(self.times), dtype=bool)
+        return np.array([attribute.Get(time) == UsdGeom.Tokens.invisible for time in self.times])
+
+
+@dataclass(frozen=True)
+class Written:
+    """The lights that `write_usd` would author for one lobe.
+
+    Attributes:
+        view: What is looked at.
+        lights: L of them.
+        shares: Of each in the means.  [F, L]
+    """
+
+    view: View
+    lights: Sequence[Light]
+    shares: Array
+
+    @classmethod
+    def of(cls, view: View, lights: Sequence[Light]) -> Self:
+        """Take a lobe's lights: cards by their solid angles, distant lights alike."""
+        weights = np.ones((len(view.times), len(lights)))
+        if view.is_cards:
+            for index, light in enumerate(lights):
+                extent = _sizes(view, light) / (2 * light.constants[schema.TRANSLATE][2])
+                weights[:, index] = cards.solid_angle(torch.from_numpy(extent)).numpy()
+        return cls(view, lights, weights / weights.sum(-1, keepdims=True))
+
+    def together(self, lights: Sequence[Light]) -> LobeLights:
+        """Return other lights of the same kinds, taken together as these."""
+        sizes = np.stack([_sizes(self.view, light) for light in lights], 1)
+        light = np.stack([_brightness(light) for light in lights], 1)
+        return self.mean(sizes, light)
+
+    def mean(
+        self,
+        sizes: Array,
+        light: Array,
+        turn: Array | None = None,
+        apart: tuple[str, ...] = (),
+    ) -> LobeLights:
+        """Return the means of sizes [F, L, S] and light [F, L, 3]."""
+        shares = self.shares[..., None]
+        logs = np.log(np.maximum(sizes, np.finfo(float).tiny))
+        whole = np.exp((shares * logs).sum(1))
+        return LobeLights(whole, (shares * light).sum(1), turn, apart)
+
+
+def held_lights(prim: Usd.Prim, own: Lobes, written: Written) -> LobeLights | None:
+    """Return what the lights of a lobe are now, or None where it has none of their kind.
+
+    Args:
+        prim: The lobe's.
+        own: The lobe.  [F, 1, .]
+        written: Its lights as they would be authored.
+    """
+    view = written.view
+    found = _found(view, prim, written.lights)
+    if not any(found):
+        return None
+    sizes, light, turns = [], [], []
+    for one, authored in zip(found, written.lights, strict=True):
+        size = _sizes(view, authored)
+        value, turn = np.zeros((len(view.times), 3)), None
+        if one:
+            held = np.concatenate([view.values(one, name, 1.0) for name in view.size_names], -1)
+            turn, stretch = _placed(view, prim, one, own, authored)
+            size, value = held * stretch[:, : held.shape[-1]], _light(view, one, held)
+            if one != prim:  # a hidden lobe is told of as such
+                value = value * ~view.hidden(one)[:, None]
+        sizes.append(size)
+        light.append(value)
+        turns.append(turn)
+    absent = [light.name for one, light in zip(found, written.lights, strict=True) if not one]
+    apart = [f"without {name}" for name in absent]
+    mean_turn, differ = _together(turns, written.shares)
+    stacked = np.stack(sizes, 1), np.stack(light, 1)
+    if not absent and (differ or _differ(written, *stacked)):
+        apart.append(f"its {len(found)} lights differ, their mean counts")
+    return written.mean(*stacked, mean_turn, tuple(apart))
+
+
+def _sizes(view: View, light: Light) -> Array:
+    return torch.cat([light.tracks[name] for name in view.size_names], -1).numpy()
+
+
+def _brightness(light: Light) -> Array:
+    return (light.tracks[schema.INTENSITY] * light.tracks[schema.COLOR]).numpy()
+
+
+def _found(view: View, prim: Usd.Prim, lights: Sequence[Light]) -> list[Usd.Prim | None]:
+    """Return the prims of a lobe's lights; one alone may have been moved below its lobe."""
+    kind = schema.LIGHT_TYPES[view.representation]
+    below = {
+        one.GetName() if one != prim else "": one
+        for one in Usd.PrimRange(prim)
+        if one.GetTypeName() == kind
+    }
+    if len(lights) == 1 and below:
+        return [next(iter(below.values()))]
+    return [below.get(light.name) for light in lights]
+
+
+def _light(view: View, light: Usd.Prim, sizes: Array) -> Array:
+    """Return radiance of a card, irradiance of a distant light, whatever says it.  [F, 3]."""
+    value = view.brightness(light)
+    normalized = bool(UsdLux.LightAPI(light).GetNormalizeAttr().Get())
+    if view.is_cards:
+        return value / sizes.prod(-1, keepdims=True) if normalized else value
+    disc = np.pi * np.sin(np.radians(np.minimum(sizes, 180.0)) / 2) ** 2
+    return value if normalized else value * disc
+
+
+def _differ(written: Written, sizes: Array, light: Array) -> bool:
+    """Tell whether lights were edited in different ways.  [F, L, .]."""
+    was = [np.stack([_sizes(written.view, one) for one in written.lights], 1)]
+    was.append(np.stack([_brightness(one) for one in written.lights], 1))
+    for before, after in zip(was, (sizes, light), strict=True):
+        lit = (before > 0).all(1)
+        ratio = after / np.where(before > 0, before, 1.0)
+        apart = np.ptp(ratio, axis=1) > EDITED * np.maximum(ratio.max(1), 1.0)
+        if bool((apart & lit).any()):
+            return True
+    return False
+
+
+def _together(turns: Sequence[Array | None], shares: Array) -> tuple[Array | None, bool]:
+    """Return the mean of turns, and whether they differ.
+
+    The mean is the rotation nearest to the mean of the matrices, by their singular values.
+    """
+    moved = [turn for turn in turns if turn is not None]
+    if not moved:
+        return None, False
+    still = np.broadcast_to(np.eye(3), moved[0].shape)
+    stacked = np.stack([still if turn is None else turn for turn in turns], 1)
+    left, _, right = np.linalg.svd((shares[..., None, None] * stacked).sum(1))
+    left[..., -1] *= np.linalg.det(left @ right)[:, None]
+    mean = left @ right
+    between = np.einsum("flij,fij->fl", stacked, mean)
+    return mean, bool((between < 1 + 2 * np.cos(np.radians(APART_DEG))).any())
+
+
+def _placed(
+    view: View, prim: Usd.Prim, light: Usd.Prim, own: Lobes, authored: Light
+) -> tuple[Array | None, Array]:
+    """Return how a light was turned, and how much larger it is seen than its size says.
+
+    Returns:
+        The turn [F, 3, 3], None where the transform is as authored; factors of the sizes [F, 2].
+    """
+    stretch = np.ones((len(view.times), 2))
+    if _is_as_authored(view, prim, light, authored):
+        return None, stretch
+    aimed = _aimed(own, authored)
+    cache, turns = UsdGeom.XformCache(), []
+    for index, time in enumerate(view.times):
+        cache.SetTime(time)
+        matrix, _ = cache.ComputeRelativeTransform(light, view.rig)
+        x, y, z, place = np.array(matrix)[:, :3]
+        far = float(np.linalg.norm(place))
+        if view.is_cards and far > 0:
+            z = place
+            distance = authored.constants[schema.TRANSLATE][2]
+            stretch[index] = np.linalg.norm([x, y], axis=-1) * distance / far
+        frame = frames.orthonormal(torch.from_numpy(np.stack([x, y, z]))).numpy()
+        turns.append(aimed[index].T @ frame)
+    return np.stack(turns), stretch
+
+
+def _aimed(own: Lobes, light: Light) -> Array:
+    """Return the frame of an authored light, as rows in the rig's.  [F, 3, 3]."""
+    aimed = own.axes[:, 0]
+    if schema.ORIENT_BACK in light.ops:  # half a turn about x
+        aimed = aimed * aimed.new_tensor([1.0, -1.0, -1.0])[:, None]
+    if schema.ORIENT_SIDE in light.ops:
+        aimed = frames.axes_from_quaternion(light.tracks[schema.ORIENT_SIDE]) @ aimed
+    return aimed.numpy()
+
+
+def _is_as_authored(view: View, prim: Usd.Prim, light: Usd.Prim, authored: Light) -> bool:
+    """Tell whether the transforms of a light and of its lobe are as `write_usd` authors them."""
+    own = light == prim
+    wanted = [*([schema.ORIENT] if own else []), *authored.ops]
+    orders = [(light, wanted), (prim, wanted if own else [schema.ORIENT])]
+    if any(list(one.GetAttribute(schema.OP_ORDER).Get() or ()) != ops for one, ops in orders):
+        return False
+    for name in authored.ops:
+        attribute = light.GetAttribute(name)
+        if name in authored.constants:
+            if attribute.GetTimeSamples() or attribute.Get() != authored.constants[name]:
+                return False
+            continue
+        turns, was = view.values(light, name, Gf.Quatf(1)), authored.tracks[name].numpy()
+        sign = np.where((turns * was).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+        if bool((np.abs(sign * turns - was) > SIDE_MOVED).any()):
+            return False
+    return True
