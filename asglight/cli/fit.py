@@ -26,7 +26,7 @@ from asglight.usd.options import StageOptions
 
 EXAMPLE = f"""asglight fit sky.####.exr -o sky.usda --frames 1001-1048 --resume
 names kept: asglight fit sky.####.exr -o sky.v2.usdz --names-from sky.v1.usdz --colorspace ACEScg
-a set in centimetres: asglight fit sky.####.exr -o sky.usdc --up-axis Z --meters-per-unit 0.01
+elsewhere: asglight fit sky.####.exr -o sky.usdc --primary-path /World/Lights/Env --up-axis Z
 part of a shot: asglight fit sky.####.exr -o part.2.usdc --frames 1045-1096 --preroll 1001
 Dask: {farm.EXAMPLE}"""
 ON_INTERRUPT = "interrupted; resume with --resume"

@@ -310,7 +310,9 @@ def _tilt(lobes: Lobes, others: Lobes) -> Tensor:
     along_x = (chord * (lobes.axis_x + others.axis_x)).sum(-1)
     along_y = (chord * (lobes.axis_y + others.axis_y)).sum(-1)
     along = torch.stack([along_x, along_y], dim=-1).square()
-    parts = along / along.sum(-1, keepdim=True).clamp(min=torch.finfo(along.dtype).tiny)
+    whole = along.sum(-1, keepdim=True)
+    # straight behind each other lobes have no plane between them; any is as good
+    parts = torch.where(whole > 0, along / whole.clamp(min=torch.finfo(along.dtype).tiny), 0.5)
     factor = 1.0 if lobes.form is Form.SG else 2.0  # exp(-s a^2) or, of the sg form, half of that
     sharpness = ((lobes.sharpness + BROAD) * (others.sharpness + BROAD)).sqrt()
     sigma = torch.rad2deg((factor * sharpness).rsqrt())
