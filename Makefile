@@ -25,6 +25,7 @@ demo: setup      ## the main job on the built-in sequence, ending in pictures (d
 	$(BIN)/asglight demo -o demo-output
 
 pictures: setup  ## the viewer on SEQUENCES, as the README shows it (docs/images/viewer-*.png)
+	mkdir -p pictures
 	for name in day tunnel handheld; do \
 	  $(BIN)/asglight fit "$(SEQUENCES)/$$name" -o pictures/$$name.usda --resume && \
 	  $(BIN)/asglight view pictures/$$name.usda --reference "$(SEQUENCES)/$$name" \
