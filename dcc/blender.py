@@ -135,8 +135,8 @@ def stage_of(task: Task, shot: Shot, frame: int, axis: str, representation: str)
 
 
 def _dome_rows(stage: Path) -> int:
-    """Return the rows of a stage's dome images."""
-    return rows_of(next((stage.parent / f"{stage.stem}_dome").glob("*.exr")))
+    """Return the rows of a stage's dome images; those of the cards' fill are smaller."""
+    return max(map(rows_of, (stage.parent / f"{stage.stem}_dome").glob("*.exr")))
 
 
 def _ball_rows(task: Task, shot: Shot, frame: int, image: Path) -> Iterator[Row]:
