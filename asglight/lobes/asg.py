@@ -20,7 +20,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.special
 import torch
 from torch import Tensor
 
@@ -235,7 +234,9 @@ class _Dawson(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, q: Tensor) -> Tensor:
         root = np.sqrt(q.detach().cpu().numpy())
-        value = torch.from_numpy(np.asarray(scipy.special.dawsn(root) / root)).to(q)
+        from scipy.special import dawsn  # 0.15 s to load, and a viewer's start must not wait for it
+
+        value = torch.from_numpy(np.asarray(dawsn(root) / root)).to(q)
         ctx.save_for_backward(q, value)
         return value
 
