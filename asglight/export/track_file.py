@@ -168,6 +168,7 @@ def _lobes(path: Path, rows: Any, numbers: tuple[int, ...], form: Form) -> Lobes
     def stacked(
         key: str, width: int, is_good: Callable[[NDArray[np.float32]], Any], expected: str
     ) -> Tensor:
+        """Return one key of all lobes, checked.  [F, N, width]."""
         tracks = []
         for index, row in enumerate(rows):
             values = _values(row.get(key), len(numbers), width)

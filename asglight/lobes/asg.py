@@ -233,15 +233,17 @@ class _Dawson(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, q: Tensor) -> Tensor:
-        root = np.sqrt(q.detach().cpu().numpy())
-        from scipy.special import dawsn  # 0.15 s to load, and a viewer's start must not wait for it
+        """Return D(sqrt q) / sqrt q."""
+        from scipy.special import dawsn  # 0.15 s to load: only bingham lobes pay for it
 
+        root = np.sqrt(q.detach().cpu().numpy())
         value = torch.from_numpy(np.asarray(dawsn(root) / root)).to(q)
         ctx.save_for_backward(q, value)
         return value
 
     @staticmethod
     def backward(ctx: Any, *grad: Tensor) -> Tensor:
+        """Return the slope along q."""
         q, value = ctx.saved_tensors
         derivative = (1 - value) / (2 * q) - value  # d/dq of D(sqrt q)/sqrt q
         return grad[0] * derivative

@@ -215,6 +215,7 @@ def _carrier() -> Callable[..., Any]:
     """
 
     def run(version: str, call: bytes, known: Any) -> Any:
+        """Open a call where asglight is of the same version, and make it."""
         import pickle
         import socket
 

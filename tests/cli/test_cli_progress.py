@@ -82,15 +82,20 @@ def test_a_long_preroll_gives_a_line_now_and_then(
     assert capsys.readouterr().err.splitlines() == ["preroll 30/240", "preroll 60/240"]
 
 
-def test_the_bar_shows_a_preroll_and_a_farm() -> None:
-    screen = io.StringIO()
-    console = Console(file=screen, force_terminal=True, width=120)
+def bar_on(screen: io.StringIO) -> Progress:
+    """Return a bar that is drawn when it is asked to be."""
     columns = (
         TextColumn("{task.description}"),
         MofNCompleteColumn(),
         TextColumn("{task.fields[numbers]}"),
     )
-    with Progress(*columns, console=console, auto_refresh=False) as shown:
+    console = Console(file=screen, force_terminal=True, width=120)
+    return Progress(*columns, console=console, auto_refresh=False)
+
+
+def test_the_bar_shows_a_preroll_and_a_farm() -> None:
+    screen = io.StringIO()
+    with bar_on(screen) as shown:
         bar = progress.Bar(shown)
         bar(Started(20, 0))
         bar(Prerolled(1, 14))
@@ -113,13 +118,7 @@ def test_work_item_by_item_is_passed_on(capsys: pytest.CaptureFixture[str]) -> N
 
 def test_the_bar_shows_the_same_numbers() -> None:
     screen = io.StringIO()
-    console = Console(file=screen, force_terminal=True, width=120)
-    columns = (
-        TextColumn("{task.description}"),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[numbers]}"),
-    )
-    with Progress(*columns, console=console, auto_refresh=False) as shown:
+    with bar_on(screen) as shown:
         bar = progress.Bar(shown)
         bar(Started(48, 0))
         bar(Notice("mind [the] gap"))
