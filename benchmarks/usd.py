@@ -19,7 +19,7 @@ from pathlib import Path
 from pxr import Usd
 
 from asglight.lobes import LobeTracks
-from asglight.usd import StageOptions, layer, lint_stage, read_usd, staging
+from asglight.usd import StageOptions, cards, layer, lint_stage, read_usd, staging
 from asglight.usd.spaces import Space
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
@@ -51,7 +51,8 @@ def row(tracks: LobeTracks, path: Path, repeats: int) -> str:
     images = [f"./shot_dome/shot.{frame}.exr" for frame in tracks.frames]
 
     def write() -> None:
-        staging.export(layer.build(tracks, StageOptions(), images, path.name)[0], path)
+        kinds = cards.kinds(tracks.lobes)
+        staging.export(layer.build(tracks, StageOptions(), images, path.name, kinds)[0], path)
 
     seconds = least(write, repeats)
     size = path.stat().st_size

@@ -49,6 +49,10 @@ class Moments(NamedTuple):
     first: Tensor
     second: Tensor
 
+    def select(self, lobes: Tensor) -> "Moments":
+        """Pick lobes by index or mask along N, as `Lobes.select`."""
+        return Moments(self.zeroth[..., lobes], self.first[..., lobes], self.second[..., lobes, :])
+
 
 def evaluate(lobes: Lobes, directions: Tensor) -> Tensor:
     """Return the radiance that all lobes together send from each direction.

@@ -3,7 +3,9 @@
 
 The stage level would take twice the time for the same file. An attribute that does not change
 beyond its tolerance has a default only; any other has a default (the first frame's) and time
-samples, without those that interpolation reproduces (asglight.usd.samples).
+samples, without those that interpolation reproduces (asglight.usd.samples). Lights of one lobe have
+tracks in common, such as their colour: each is authored once and copied, which takes a tenth of the
+time, and a crate stores it once.
 
 Symbols: F frames, K components.
 """
@@ -13,7 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pxr import Gf, Sdf
+from pxr import Sdf, Vt
 from torch import Tensor
 
 from asglight.usd import samples, schema
@@ -37,6 +39,7 @@ class TrackAuthor:
         self.frames = np.asarray(frames, dtype=np.float64)
         self.written = 0
         self.left_out = 0
+        self._authored: dict[tuple[str, float, bytes], tuple[Sdf.Path, NDArray[np.bool_]]] = {}
 
     def track(
         self, prim: Sdf.PrimSpec, name: str, values: Tensor, tolerance: float
@@ -54,8 +57,16 @@ class TrackAuthor:
         """
         rounded = values.to(torch.float32).numpy()
         kind = schema.VALUE_TYPES[name]
-        keep = self._needed(rounded, kind, tolerance)
-        self.held(prim, name, _to_gf(rounded, kind), keep)
+        key = str(kind), tolerance, rounded.tobytes()
+        same = self._authored.get(key)
+        if same is None:
+            keep = self._needed(rounded, kind, tolerance)
+            self.held(prim, name, _to_gf(rounded, kind), keep)
+            self._authored[key] = prim.path.AppendProperty(name), keep
+        else:
+            path, keep = same
+            Sdf.CopySpec(prim.layer, path, prim.layer, prim.path.AppendProperty(name))
+            self._count(keep)
         return np.concatenate([rounded[:1], rounded[keep]])
 
     def held(
@@ -69,9 +80,13 @@ class TrackAuthor:
             values: One value a frame, as USD stores it.
             keep: Marks the samples; none leaves the default alone.  [F]
         """
-        attribute = constant(prim, name, values[0])
+        path = constant(prim, name, values[0]).path
+        set_sample, codes = prim.layer.SetTimeSample, self.frames.tolist()
         for index in np.flatnonzero(keep).tolist():
-            prim.layer.SetTimeSample(attribute.path, float(self.frames[index]), values[index])
+            set_sample(path, codes[index], values[index])
+        self._count(keep)
+
+    def _count(self, keep: NDArray[np.bool_]) -> None:
         self.written += int(keep.sum())
         self.left_out += len(keep) - int(keep.sum())
 
@@ -98,12 +113,9 @@ def constant(prim: Sdf.PrimSpec, name: str, value: Any) -> Sdf.AttributeSpec:
 
 def _to_gf(values: NDArray[np.float32], kind: Sdf.ValueTypeName) -> list[Any]:
     """Convert rows to what USD stores: float, Vec2f, Vec3f or Quatf.  [F, K] -> F values."""
-    rows = values.tolist()
     if kind == Sdf.ValueTypeNames.Float:
-        return [row[0] for row in rows]
-    types = {
-        Sdf.ValueTypeNames.Float2: Gf.Vec2f,
-        Sdf.ValueTypeNames.Color3f: Gf.Vec3f,
-        Sdf.ValueTypeNames.Quatf: Gf.Quatf,
-    }
-    return [types[kind](*row) for row in rows]
+        return values[:, 0].tolist()
+    if kind == Sdf.ValueTypeNames.Quatf:  # whose arrays have the real part last
+        return list(Vt.QuatfArray.FromNumpy(np.roll(values, -1, axis=-1)))
+    arrays = {Sdf.ValueTypeNames.Float2: Vt.Vec2fArray, Sdf.ValueTypeNames.Color3f: Vt.Vec3fArray}
+    return list(arrays[kind].FromNumpy(np.ascontiguousarray(values)))

@@ -132,10 +132,9 @@ def half_extent(mean_squares: Tensor) -> Tensor:
     return extent
 
 
-def mean_squares(lobes: Lobes) -> Tensor:
-    """Return each lobe's mean x^2 and y^2, in its frame, float64.  [..., N, 2]."""
-    zeroth, _, second = asg.moments(lobes.to("cpu", torch.float64))
-    return second[..., :2] / zeroth[..., None]
+def mean_squares(moments: asg.Moments) -> Tensor:
+    """Return each lobe's mean x^2 and y^2, in its frame.  [..., N, 2]."""
+    return moments.second[..., :2] / moments.zeroth[..., None]
 
 
 def kinds(lobes: Lobes) -> list[Kind]:
@@ -148,10 +147,11 @@ def kinds(lobes: Lobes) -> list[Kind]:
         One for each lobe.
     """
     lobes = lobes.to("cpu", torch.float64)
-    weight = asg.flux(lobes).sum(-1)
+    moments = asg.moments(lobes)
+    weight = lobes.amplitude.sum(-1) * moments.zeroth
     dark = weight.sum(0) == 0
     weight = torch.where(dark, 1.0, weight) / torch.where(dark, len(weight), weight.sum(0))
-    square = (weight * mean_squares(lobes).amax(-1)).sum(0)
+    square = (weight * mean_squares(moments).amax(-1)).sum(0)
     width = (weight * texels.lobe_width(lobes)).sum(0)
     single = square <= SINGLE_SQUARE
     # The outer card would be wider than the widest, and the fill has texels for the narrow side.
@@ -163,19 +163,22 @@ def kinds(lobes: Lobes) -> list[Kind]:
     ]
 
 
-def values(lobes: Lobes, distance: float, kind: Kind) -> dict[Piece, dict[str, Tensor]]:
+def values(
+    lobes: Lobes, moments: asg.Moments, distance: float, kind: Kind
+) -> dict[Piece, dict[str, Tensor]]:
     """Return the RectLight attributes of each lobe's cards, on each side for the bingham form.
 
     Args:
         lobes: N lobes of a kind, with any batch shape.  [..., N, .]
+        moments: Theirs, float64.  [..., N, .]
         distance: From the origin to the cards, in stage units.
         kind: Which kind.
 
     Returns:
         For each card width, height, intensity [..., N, 1] and colour [..., N, 3], float64.
     """
-    lobes = lobes.to(torch.float64)
-    squares, flux = mean_squares(lobes), asg.flux(lobes)
+    squares = mean_squares(moments)
+    flux = lobes.amplitude.to(torch.float64) * moments.zeroth[..., None]
     sides = 2 if lobes.form is Form.BINGHAM else 1
     found = {}
     for share, pieces in LEVELS[kind]:
@@ -196,26 +199,30 @@ def values(lobes: Lobes, distance: float, kind: Kind) -> dict[Piece, dict[str, T
     return found
 
 
-def lights(lobes: Lobes, distance: float, chosen: Sequence[Kind]) -> list[list[Light]]:
+def lights(
+    lobes: Lobes, moments: asg.Moments, distance: float, chosen: Sequence[Kind]
+) -> list[list[Light]]:
     """Return the cards of every lobe.
 
     Args:
         lobes: Lobes of F frames.  [F, N, .]
+        moments: Theirs, float64.  [F, N, .]
         distance: From the origin to the cards, in stage units.
         chosen: What each lobe is.
     """
     found: list[list[Light]] = [[] for _ in chosen]
     for kind in Kind:
         members = [index for index, one in enumerate(chosen) if one is kind]
-        own = lobes.select(torch.tensor(members, dtype=torch.long))
-        for piece, tracks in values(own, distance, kind).items():
+        index = torch.tensor(members, dtype=torch.long)
+        own = values(lobes.select(index), moments.select(index), distance, kind)
+        for piece, tracks in own.items():
             constants = {
                 schema.TRANSLATE: Gf.Vec3d(0, 0, piece.distance * distance),
                 schema.NORMALIZE: False,
             }
-            for place, index in enumerate(members):
+            for place, member in enumerate(members):
                 one = {name: value[:, place] for name, value in tracks.items()}
-                found[index].append(Light(piece.name, one, constants, (schema.TRANSLATE,)))
+                found[member].append(Light(piece.name, one, constants, (schema.TRANSLATE,)))
     return [on_sides(own, lobes.form) for own in found]
 
 

@@ -33,11 +33,15 @@ ACROSS_MAX = 0.32
 """Mean square of the broadest of three discs; at 1/3 tilting one would change nothing."""
 
 
-def facing_irradiance(lobes: Lobes) -> Tensor:
+def facing_irradiance(lobes: Lobes, moments: asg.Moments | None = None) -> Tensor:
     """Return the irradiance on a patch that faces each lobe: the integral of z over z > 0.
 
     asg: the first moment. bingham: one side's, which is the integral of the asg of the same
     sharpness. sg: 2 pi (s - 1 + exp(-s)) / s^2, by parts.
+
+    Args:
+        lobes: N lobes.  [..., N, .]
+        moments: Theirs, float64, where they are known.  [..., N, .]
 
     Returns:
         Linear RGB, not divided by pi, float64.  [..., N, 3]
@@ -48,36 +52,41 @@ def facing_irradiance(lobes: Lobes) -> Tensor:
     elif lobes.form is Form.BINGHAM:
         unit = asg.integral(Lobes(lobes.axes, lobes.sharpness, lobes.amplitude, Form.ASG))
     else:
-        unit = asg.moments(lobes).first
+        unit = (moments or asg.moments(lobes)).first
     return lobes.amplitude * unit[..., None]
 
 
-def angle_deg(lobes: Lobes) -> Tensor:
+def angle_deg(lobes: Lobes, moments: asg.Moments | None = None) -> Tensor:
     """Return the diameter of the disc whose mean x^2 + y^2 is each lobe's, in degrees.
 
     Over a disc of angular radius t, mean x^2 + y^2 = m = 1 - (1 + cos t + cos^2 t) / 3, so
     sin^2(t / 2) = 3 m / (3 + sqrt(9 - 12 m)). m = 2/3 is the hemisphere, the widest disc.
 
+    Args:
+        lobes: N lobes.  [..., N, .]
+        moments: Theirs, float64, where they are known.  [..., N, .]
+
     Returns:
         Degrees in [0, 180], float64.  [..., N]
     """
-    zeroth, _, second = asg.moments(lobes.to(torch.float64))
+    zeroth, _, second = moments or asg.moments(lobes.to(torch.float64))
     spread = (second[..., :2].sum(-1) / zeroth).clamp(max=2 / 3)
     # rounding may leave 9 - 12 m a hair below 0 at the hemisphere
     sine_squared = 3 * spread / (3 + (9 - 12 * spread).clamp(min=0).sqrt())
     return torch.rad2deg(4 * torch.asin(sine_squared.sqrt())).clamp(max=180)
 
 
-def lights(lobes: Lobes, threefold: Sequence[bool]) -> list[list[Light]]:
+def lights(lobes: Lobes, moments: asg.Moments, threefold: Sequence[bool]) -> list[list[Light]]:
     """Return the distant lights of every lobe.
 
     Args:
         lobes: Lobes of F frames.  [F, N, .]
+        moments: Theirs, float64.  [F, N, .]
         threefold: For each lobe whether it gets three lights.
     """
-    irradiance = facing_irradiance(lobes)
-    angle = angle_deg(lobes)
-    spreads = _Spread.of(lobes)
+    irradiance = facing_irradiance(lobes, moments)
+    angle = angle_deg(lobes, moments)
+    spreads = _Spread.of(moments)
     found = []
     for index, is_threefold in enumerate(threefold):
         facing = irradiance[:, index]
@@ -116,14 +125,13 @@ class _Spread:
     along_x: Tensor
 
     @classmethod
-    def of(cls, lobes: Lobes) -> Self:
+    def of(cls, moments: asg.Moments) -> Self:
         """Match the mean squares across and along a lobe.
 
         A disc of mean square m across each axis, tilted by t, has m + (1 - 3 m) sin^2 t along the
         row; the outer two of three carry `2 OUTER` of the light.
         """
-        zeroth, _, second = asg.moments(lobes.to(torch.float64))
-        squares = second[..., :2] / zeroth[..., None]
+        squares = moments.second[..., :2] / moments.zeroth[..., None]
         across = squares.amin(-1).clamp(max=ACROSS_MAX)
         sine_squared = 3 * 2 * across / (3 + (9 - 24 * across).sqrt())
         radius = 2 * torch.asin(sine_squared.sqrt())

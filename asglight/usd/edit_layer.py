@@ -21,7 +21,7 @@ from torch import Tensor
 
 from asglight.errors import InputError
 from asglight.images.message import shown
-from asglight.lobes import LobeTracks
+from asglight.lobes import LobeTracks, asg
 from asglight.usd import cards, distant, layer, samples, schema, staging
 from asglight.usd.authoring import TrackAuthor
 from asglight.usd.checks import check_target, check_tracks
@@ -187,11 +187,12 @@ def _tracks(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> Iter
         for name, values in layer.lobe_tracks(lobes).items():
             target = path.AppendProperty(name)
             yield _Track(target, None, values[:, place], layer.LOBE_TOLERANCE)
+    moments = asg.moments(lobes)
     kinds = [below.kinds[index] for index in chosen]
     threefold = [below.threefold[index] for index in chosen]
     lights = {
-        Representation.CARDS: cards.lights(lobes, below.options.card_distance, kinds),
-        Representation.DISTANT: distant.lights(lobes, threefold),
+        Representation.CARDS: cards.lights(lobes, moments, below.options.card_distance, kinds),
+        Representation.DISTANT: distant.lights(lobes, moments, threefold),
     }
     for representation, of_lobes in lights.items():
         selection = schema.VARIANT_SET, str(representation)

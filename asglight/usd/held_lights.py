@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
-from asglight.lobes import Lobes, frames
+from asglight.lobes import Lobes, asg, frames
 from asglight.usd import cards, distant, schema
 from asglight.usd.lights import Light
 from asglight.usd.schema import Representation
@@ -26,7 +26,7 @@ from asglight.usd.stage import numbers
 
 EDITED = 1e-3
 """Relative. Programs write four digits or more, and nobody sees less; samples that were left out
-cost a fiftieth of it."""
+cost a fifth of it."""
 
 SIDE_MOVED = 2e-3
 """Of a component of the quaternion that tilts an outer distant light. The tilt is the root of a
@@ -101,9 +101,12 @@ class View:
             lobes: Those of the indices.  [F, N, .]
             indices: Of the lobes in the stage.
         """
+        moments = asg.moments(lobes.to(torch.float64))
         if self.is_cards:
-            return cards.lights(lobes, self.distance, [self.kinds[index] for index in indices])
-        return distant.lights(lobes, [self.threefold[index] for index in indices])
+            return cards.lights(
+                lobes, moments, self.distance, [self.kinds[index] for index in indices]
+            )
+        return distant.lights(lobes, moments, [self.threefold[index] for index in indices])
 
     def values(self, prim: Usd.Prim, name: str, fallback: object) -> Array:
         """Return an attribute at every frame, or what stands for one without a value.  [F, K]."""

@@ -16,7 +16,7 @@ import torch
 from pxr import Gf, Sdf, Vt
 from torch import Tensor
 
-from asglight.lobes import LobeTracks, frames
+from asglight.lobes import LobeTracks, asg, frames
 from asglight.lobes.data import Lobes
 from asglight.usd import cards, distant, schema
 from asglight.usd.authoring import TrackAuthor, constant
@@ -29,9 +29,10 @@ from asglight.usd.spaces import Space, space_for, to_stage
 LOBE_TOLERANCE = 1e-6
 """Relative. A lobe comes back to float32 rounding, about ten units in the last place."""
 
-LIGHT_TOLERANCE = 2e-5
+LIGHT_TOLERANCE = 1e-4
 """Relative. Lights are derived from lobes: four such errors, in width, height, intensity and
-colour, change a card's flux by 8e-5, a thirtieth of what the shape of the best card costs."""
+colour, change a card's flux by 4e-4, a fifth of what the shape of the best cards costs, and only
+where a track bends so little that its samples are left out."""
 
 
 def build(
@@ -39,6 +40,7 @@ def build(
     options: StageOptions,
     textures: Sequence[str],
     name: str,
+    kinds: Sequence[cards.Kind],
     fill: Sequence[str] = (),
 ) -> tuple[Sdf.Layer, TrackAuthor]:
     """Author the whole stage.
@@ -48,6 +50,7 @@ def build(
         options: What the stage shows, and where.
         textures: Dome images relative to the layer: one for each frame, or one for all.
         name: Of the layer's file.
+        kinds: What each lobe is in the cards.
         fill: Images of the lobes that are fill, likewise; empty where no lobe is.
 
     Returns:
@@ -57,6 +60,7 @@ def build(
     author = TrackAuthor(tracks.frames)
     space = space_for(options)
     lobes = continuous(to_stage(tracks.lobes, space))
+    moments = asg.moments(lobes)
     with Sdf.ChangeBlock():
         rig = _author_rig(layer, options.primary_path)
         _author_stage_metadata(layer, tracks, options)
@@ -70,12 +74,12 @@ def build(
             Sdf.VariantSpec(variants, str(representation)).primSpec
             for representation in Representation
         )
-        kinds = cards.kinds(tracks.lobes)
-        on_cards = cards.lights(lobes, options.card_distance, kinds)
+        on_cards = cards.lights(lobes, moments, options.card_distance, kinds)
         _author_lights(author, in_cards, "RectLight", tracks.names, on_cards)
         if cards.Kind.FILL in kinds:
             _author_dome(author, in_cards, schema.FILL, fill, space)
-        in_sky = distant.lights(lobes, distant.threefold(tracks.lobes, options.distant_lights))
+        threefold = distant.threefold(tracks.lobes, options.distant_lights)
+        in_sky = distant.lights(lobes, moments, threefold)
         _author_lights(author, in_distant, "DistantLight", tracks.names, in_sky)
         _author_lights(author, in_dome, "DomeLight", tracks.names, [[]] * lobes.count)
         _author_dome(author, in_dome, schema.DOME, textures, space)

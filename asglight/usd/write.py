@@ -72,7 +72,7 @@ def write_usd(
         fill = staging.write_fill(tracks, kinds, place, space)
         root = staging.root_layer(place)
         of_all, of_fill = (staging.relative_names(images) for images in (textures, fill))
-        built, author = layer.build(tracks, options, of_all, root.name, of_fill)
+        built, author = layer.build(tracks, options, of_all, root.name, kinds, of_fill)
         staging.export(built, root)
         if root != place:
             staging.package(place, [root, *textures, *fill])

@@ -43,7 +43,7 @@ def test_the_card_has_the_mean_squares_of_the_lobe(form, sharpness):
     if form is Form.SG:
         sharpness = (sharpness[0],) * 2
     lobe = one_lobe(form, sharpness)
-    p, q = cards.half_extent(cards.mean_squares(lobe))[0].tolist()
+    p, q = cards.half_extent(cards.mean_squares(asg.moments(lobe)))[0].tolist()
     # the lobe's moments have tests of their own in tests/lobes; this one is about the card
     zeroth, _, second = asg.moments(lobe)
     wanted = (second[0, :2] / zeroth[0]).tolist()
@@ -65,7 +65,7 @@ def test_every_sharpness_gives_a_finite_card_no_wider_than_the_widest():
             torch.ones(len(pairs), 3, dtype=torch.float64),
             form,
         )
-        extent = cards.half_extent(cards.mean_squares(lobes))
+        extent = cards.half_extent(cards.mean_squares(asg.moments(lobes)))
         assert torch.isfinite(extent).all()
         assert (extent > 0).all()
         assert float(extent.max()) <= widest
@@ -76,7 +76,7 @@ def test_every_sharpness_gives_a_finite_card_no_wider_than_the_widest():
 def test_three_cards_have_the_flux_and_the_mean_squares_of_the_lobe(form, sharpness):
     lobe = one_lobe(form, (sharpness[0],) * 2 if form is Form.SG else sharpness)
     flux = x_squared = y_squared = 0.0
-    for piece, values in cards.values(lobe, 1.0, Kind.SOFT).items():
+    for piece, values in cards.values(lobe, asg.moments(lobe), 1.0, Kind.SOFT).items():
         p, q = (
             float(values[f"inputs:{name}"]) / 2 / piece.distance for name in ("width", "height")
         )
@@ -92,7 +92,8 @@ def test_three_cards_have_the_flux_and_the_mean_squares_of_the_lobe(form, sharpn
 
 
 def test_no_two_cards_of_a_lobe_coincide():
-    lights = cards.lights(frames_of(Form.ASG, [(20.0, 5.0)]), 1000.0, [Kind.SOFT])[0]
+    lobes = frames_of(Form.ASG, [(20.0, 5.0)])
+    lights = cards.lights(lobes, asg.moments(lobes.to(torch.float64)), 1000.0, [Kind.SOFT])[0]
     assert [light.name for light in lights] == ["tall", "wide", "outer"]
     places = [light.constants["xformOp:translate:dist"][2] for light in lights]
     assert places == pytest.approx([1000, 1001, 1002])
@@ -140,7 +141,8 @@ def test_the_kind_is_that_of_the_frames_that_shine():
 
 def test_card_values_scale_with_distance_and_keep_the_radiance():
     lobe = one_lobe(Form.ASG, (20.0, 5.0))
-    near, far = (cards.values(lobe, distance, Kind.SOFT) for distance in (1.0, 250.0))
+    moments = asg.moments(lobe)
+    near, far = (cards.values(lobe, moments, distance, Kind.SOFT) for distance in (1.0, 250.0))
     for piece, values in near.items():
         for name in ("inputs:width", "inputs:height"):
             np.testing.assert_allclose(far[piece][name], 250 * values[name], rtol=1e-12)

@@ -18,7 +18,7 @@ from usd_tracks import SHAPES, moving, of_every_kind, still
 from asglight.lobes import Form, Lobes, LobeTracks, asg
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
-from asglight.usd import StageOptions, layer, lint_stage, write_usd
+from asglight.usd import StageOptions, cards, layer, lint_stage, write_usd
 
 NODES = 300
 """Gauss-Legendre nodes an axis: the clamped cosine's kink costs 1e-4 of irradiance at most."""
@@ -118,7 +118,8 @@ def test_cards_carry_the_flux_of_the_lobes_at_every_frame(form, tmp_path):
 def test_frames_whose_samples_were_left_out_keep_their_flux(tmp_path):
     tracks = moving(range(1, 1201))
     tracks.lobes.sharpness[:, 0] *= 500  # one card
-    built, author = layer.build(tracks, StageOptions(), ["./sky.exr"], "shot.usdc")
+    kinds = cards.kinds(tracks.lobes)
+    built, author = layer.build(tracks, StageOptions(), ["./sky.exr"], "shot.usdc", kinds)
     assert author.left_out > 0.3 * author.written
     built.Export(str(tmp_path / "shot.usdc"))
     stage = open_as(tmp_path / "shot.usdc", "cards")
@@ -129,7 +130,8 @@ def test_frames_whose_samples_were_left_out_keep_their_flux(tmp_path):
     for frame in between[:: len(between) // 20]:
         flux = card_seen(lobe, frame)[1].sum() * emitted(lobe, frame)
         wanted = asg.flux(single(tracks, frame, 0).to(torch.float64))[0].numpy()
-        np.testing.assert_allclose(flux, wanted, rtol=1e-4)
+        # four attributes, 1e-4 each
+        np.testing.assert_allclose(flux, wanted, rtol=4e-4)
 
 
 # A single rectangle costs 0.9 to 2.3 % where light is diffuse and 8 to 12 % where it is glossy.
