@@ -41,18 +41,32 @@ AT_ONCE = 1 << 17
 """Products of a point and a direction made at a time: 1 MiB in float64, within the cache."""
 
 
+class Way(NamedTuple):
+    """One way in which light is written.
+
+    Attributes:
+        stage: The file.
+        representation: Its variant.
+        card_texture: Whether the texture of cards is shown.
+    """
+
+    stage: Path
+    representation: str
+    card_texture: bool = True
+
+
 class Case(NamedTuple):
     """One frame of one stage.
 
     Attributes:
         name: Of the map, or of the stage and its frame.
-        stages: The file that holds each representation.
+        ways: What is measured, by name.
         frame: Time code.
         reference: The map, where there is one.  [H, W, 3]
     """
 
     name: str
-    stages: dict[str, Path]
+    ways: dict[str, Way]
     frame: float
     reference: Tensor | None
 
@@ -89,13 +103,18 @@ def of_maps(maps: Path, form: Form, folder: Path) -> Iterator[Case]:
         yield Case(path.stem, written(tracks, folder, path.stem), 1.0, radiance)
 
 
-def written(tracks: LobeTracks, folder: Path, stem: str) -> dict[str, Path]:
+def written(tracks: LobeTracks, folder: Path, stem: str) -> dict[str, Way]:
     """Write the stages that hold the representations of some tracks."""
-    plain, threefold = folder / f"{stem}.usda", folder / f"{stem}-3.usda"
+    plain, options = folder / f"{stem}.usda", folder / f"{stem}-options.usda"
     write_usd(tracks, plain)
-    write_usd(tracks, threefold, distant_lights=3)
-    return {str(representation): plain for representation in Representation} | {
-        "distant x 3": threefold
+    write_usd(tracks, options, distant_lights=3, card_texture=True)
+    return {
+        "cards": Way(plain, Representation.CARDS),
+        "cards, texture": Way(options, Representation.CARDS),
+        "texture left out": Way(options, Representation.CARDS, card_texture=False),
+        "distant": Way(plain, Representation.DISTANT),
+        "distant x 3": Way(options, Representation.DISTANT),
+        "dome": Way(plain, Representation.DOME),
     }
 
 
@@ -104,7 +123,7 @@ def of_stages(stages: Sequence[Path]) -> Iterator[Case]:
     for path in stages:
         frames = read_usd(path).frames
         for frame in sorted({frames[0], frames[len(frames) // 2], frames[-1]}):
-            held = {str(representation): path for representation in Representation}
+            held = {str(shown): Way(path, shown) for shown in Representation}
             yield Case(f"{path.stem} {frame}", held, float(frame), None)
 
 
@@ -114,15 +133,16 @@ def measured(case: Case) -> dict[str, dict[str, list[float]]]:
     Returns:
         Name of the representation, or `lobes`, to figure, to one number for each ball.
     """
-    lobes = read_usd(next(iter(case.stages.values()))).at(int(case.frame))
+    lobes = read_usd(next(iter(case.ways.values())).stage).at(int(case.frame))
     truth = lights.of_lobes(lobes)
     wanted = shown(truth)
     by_map = None if case.reference is None else shown(lights.of_map(case.reference))
     result: dict[str, dict[str, list[float]]] = (
         {"lobes": {"map": _l1(wanted, by_map)}} if by_map is not None else {}
     )
-    for name, path in case.stages.items():
-        arriving, count = lights.of_stage(opened(path, name.split()[0]), case.frame)
+    for name, way in case.ways.items():
+        stage = opened(way.stage, way.representation)
+        arriving, count = lights.of_stage(stage, case.frame, card_texture=way.card_texture)
         found = shown(arriving)
         flux = arriving.light.sum(0) / truth.light.sum(0) - 1
         result[name] = {

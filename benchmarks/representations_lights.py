@@ -6,7 +6,9 @@ Gauss and Legendre's rule over cards, in the angles of their plane, and over dis
 bilinear between their texels, as renderers show them.
 """
 
+import functools
 import math
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from pxr import Usd, UsdGeom, UsdLux
 from torch import Tensor
 
 from asglight.images import read_latlong
+from asglight.images.decode import read_header, read_pixels
 from asglight.lobes import Form, Lobes
 from asglight.sphere import latlong
 
@@ -44,9 +47,16 @@ class Arriving(NamedTuple):
     light: Tensor
 
 
-def of_stage(stage: Usd.Stage, frame: float) -> tuple[Arriving, int]:
-    """Return the light of all lights that a stage shows, and their number."""
-    functions = {"RectLight": _rect, "DistantLight": _distant, "DomeLight": _dome}
+def of_stage(stage: Usd.Stage, frame: float, *, card_texture: bool = True) -> tuple[Arriving, int]:
+    """Return the light of all lights that a stage shows, and their number.
+
+    Args:
+        stage: The stage.
+        frame: Time code.
+        card_texture: Whether the texture of cards is shown; programs leave it out.
+    """
+    rect = functools.partial(_rect, textured=card_texture)
+    functions = {"RectLight": rect, "DistantLight": _distant, "DomeLight": _dome}
     lights = [prim for prim in stage.Traverse() if prim.HasAPI(UsdLux.LightAPI)]
     return _joined([functions[str(one.GetTypeName())](one, frame) for one in lights]), len(lights)
 
@@ -100,8 +110,9 @@ def _lobe(lobe: Lobes) -> Arriving:
     return _joined([arriving, Arriving(-arriving.directions, arriving.light)])
 
 
-def _rect(prim: Usd.Prim, frame: float) -> Arriving:
+def _rect(prim: Usd.Prim, frame: float, *, textured: bool) -> Arriving:
     rect = UsdLux.RectLight(prim)
+    asset = rect.GetTextureFileAttr().Get(frame) if textured else None
     half = [attr.Get(frame) / 2 for attr in (rect.GetWidthAttr(), rect.GetHeightAttr())]
     matrix = _world(prim, frame)
     distance = float(matrix[3, :3].norm())
@@ -109,7 +120,8 @@ def _rect(prim: Usd.Prim, frame: float) -> Arriving:
     columns = []
     for length in half:
         angle = math.atan(length / distance)
-        nodes, weights = _rule(_count(angle))
+        # a texture has a slope that changes at every texel
+        nodes, weights = _rule(NODES_MAX if asset else _count(angle))
         at = (angle * nodes).tan()
         columns.append((distance * at, distance * angle * weights * (1 + at * at)))
     (x, wx), (y, wy) = columns
@@ -124,10 +136,10 @@ def _rect(prim: Usd.Prim, frame: float) -> Arriving:
     if UsdLux.LightAPI(prim).GetNormalizeAttr().Get(frame):
         scale = 1 / (4 * half[0] * half[1])
     light = _emitted(prim, frame) * scale * angle[:, None]
-    asset = rect.GetTextureFileAttr().Get(frame)
     if asset:
         u, v = 0.5 + x / (2 * half[0]), 0.5 - y / (2 * half[1])
-        light = light * _sampled(_image(asset), u, v, wrap=False)
+        image = torch.from_numpy(read_pixels(read_header(Path(asset.resolvedPath)))).double()
+        light = light * _sampled(image, u, v, wrap=False)
     return Arriving(towards, light)
 
 

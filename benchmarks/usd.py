@@ -48,7 +48,7 @@ def main() -> None:
 
 def row(tracks: LobeTracks, path: Path, repeats: int) -> str:
     """Write, check, open and read one stage."""
-    images = [f"./shot_dome/shot.{frame}.exr" for frame in tracks.frames]
+    images = layer.Images([f"./shot_dome/shot.{frame}.exr" for frame in tracks.frames])
 
     def write() -> None:
         kinds = cards.kinds(tracks.lobes)

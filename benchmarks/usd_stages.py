@@ -23,10 +23,14 @@ from asglight.usd.read import read_usd
 from asglight.usd.read_options import read_options
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
-from usd_tracks import moving
+from usd_tracks import moving, of_every_kind
 
 FRAMES = (1001, 1002, 1005)
-EVERYTHING = StageOptions("distant", 50.0, 8, 0.01, "Z", "/World/Lights/Env", "ACEScg")
+EVERYTHING = StageOptions(
+    *("distant", 50.0, 8, 0.01, "Z", "/World/Lights/Env", "ACEScg"),
+    distant_lights=3,
+    card_texture=True,
+)
 
 
 def main() -> None:
@@ -39,8 +43,11 @@ def main() -> None:
         for representation in Representation:
             path = folder / f"{form}-{representation}.usda"
             write_usd(moving(FRAMES, form=form), path, representation=representation, dome_height=8)
+        tracks = of_every_kind(FRAMES, form)
+        write_usd(tracks, folder / f"{form}-texture.usda", dome_height=8, card_texture=True)
     for suffix in ("usda", "usdc", "usd", "usdz"):
-        write_usd(moving(FRAMES), folder / f"everything-{suffix}.{suffix}", **vars(EVERYTHING))
+        tracks = of_every_kind(FRAMES)
+        write_usd(tracks, folder / f"everything-{suffix}.{suffix}", **vars(EVERYTHING))
     tracks = read_usd(folder / "everything-usdc.usdc")
     lobes = tracks.lobes.clone()
     lobes.amplitude[:, 0] *= 2

@@ -47,6 +47,11 @@ def add_stage_options(parser: argparse.ArgumentParser, kept: str | None = None) 
         choices=DISTANT_LIGHTS,
         help=f"{many} {default(usual.distant_lights)}",
     )
+    add(
+        "--card-texture",
+        action=argparse.BooleanOptionalAction,
+        help=f"Gaussian texture of the cards {default('none')}",
+    )
     rows = "rows of the images of the dome"
     add("--dome-height", type=int, metavar="ROWS", help=f"{rows} {default(usual.dome_height)}")
 

@@ -26,8 +26,9 @@ def write_exr(
     half: bool = True,
     compression: str = "zip",
     chromaticities: Chromaticities | None = None,
+    latlong: bool = True,
 ) -> None:
-    """Write a latlong as a scanline OpenEXR file of R, G, B, marked as a latlong map.
+    """Write an image as a scanline OpenEXR file of R, G, B.
 
     The file is written beside its target under another name and then renamed, so a failure
     leaves the target as it was. Half floats end at 65504: an image with a larger or a non-finite
@@ -39,6 +40,7 @@ def write_exr(
         half: Write 16-bit floats where the values fit.
         compression: One of `COMPRESSIONS`, named as in OpenEXR.
         chromaticities: Primaries and white that the file states; None for Rec.709.
+        latlong: Mark it as a latlong map.
 
     Raises:
         InputError: The file cannot be written there.
@@ -56,17 +58,23 @@ def write_exr(
     pixels = values.numpy().astype(np.float16 if half and fits else np.float32, order="C")
     with written_beside(path) as place:
         try:
-            OpenEXR.File(_header(compression, chromaticities), {"RGB": pixels}).write(str(place))
+            header = _header(compression, chromaticities, latlong=latlong)
+            OpenEXR.File(header, {"RGB": pixels}).write(str(place))
         except RuntimeError as error:
             raise OSError(None, compressed(str(error))) from error
 
 
-def _header(compression: str, chromaticities: Chromaticities | None) -> dict[str, object]:
+def _header(
+    compression: str, chromaticities: Chromaticities | None, *, latlong: bool
+) -> dict[str, object]:
     name = "NO" if compression == "none" else compression.upper()
-    stated = {} if chromaticities is None else {"chromaticities": chromaticities}
+    stated: dict[str, object] = {}
+    if chromaticities is not None:
+        stated["chromaticities"] = chromaticities
+    if latlong:
+        stated["envmap"] = OpenEXR.ENVMAP_LATLONG
     return {
         **stated,
         "type": OpenEXR.scanlineimage,
         "compression": getattr(OpenEXR, f"{name}_COMPRESSION"),
-        "envmap": OpenEXR.ENVMAP_LATLONG,
     }

@@ -2,8 +2,9 @@
 """A lobe as cards: rectangles of constant radiance with the lobe's flux and second moments.
 
 A sharp lobe is one card. A softer one is three about the same centre, whose sum has its shape. A
-lobe too broad for them shines from the fill, a small dome that all broad lobes share. Which of the
-three holds for the whole shot, so no lobe pops.
+lobe too broad for them shines from the fill, a small dome that all broad lobes share. Where cards
+have a texture, a lobe that is not too broad is one card with it (asglight.usd.card_texture). Which
+of these holds for the whole shot, so no lobe pops.
 
 A card lies in the plane z = 1 of the lobe's frame, |x| <= p, |y| <= q, and is seen from the origin;
 at another distance it scales. With s = p q / sqrt(1 + p^2 + q^2), integrating over the plane with
@@ -21,12 +22,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import torch
-from pxr import Gf
+from pxr import Gf, Sdf
 from torch import Tensor
 
 from asglight.lobes import asg, texels
 from asglight.lobes.data import Form, Lobes
-from asglight.usd import schema
+from asglight.usd import card_texture, schema
 from asglight.usd.emission import intensity_and_color
 from asglight.usd.lights import Light, on_sides
 
@@ -38,6 +39,8 @@ class Kind(StrEnum):
     """One card, which is the lobe's own prim; one a side for the bingham form."""
     SOFT = "soft"
     """Three cards, below the lobe's prim."""
+    TEXTURED = "textured"
+    """One card with the texture, in the place that a single one has."""
     FILL = "fill"
     """No card: a share of the fill's images."""
 
@@ -73,6 +76,7 @@ LEVELS: dict[Kind, tuple[tuple[float, tuple[Piece, ...]], ...]] = {
         ),
         (_OUTER_SHARE, (Piece("outer", (_OUTER, _OUTER), 1.002),)),
     ),
+    Kind.TEXTURED: ((1.0, (Piece("", (1.0, 1.0)),)),),
     Kind.FILL: (),
 }
 """Shares of a lobe's flux, and the cards of one radiance that carry each."""
@@ -80,6 +84,11 @@ LEVELS: dict[Kind, tuple[tuple[float, tuple[Piece, ...]], ...]] = {
 SINGLE_SQUARE = 1e-3
 """Mean x^2 and y^2 up to which one card does: a width of 1.8 degrees, 1 % on a ball of roughness
 0.25."""
+
+TEXTURED_SQUARE = 0.02
+"""Mean x^2 and y^2 up to which one card with the texture is better than three without: a width of 8
+degrees. Broader lobes are less of a Gaussian on a plane: three cards are 2 % off on a ball of
+roughness 0.25 either way at this width, and at 20 degrees 10 %, but 15 % with the texture."""
 
 FILL_HEIGHT = 64
 """Rows of the fill's images, of 2.8 degrees: 0.3 % off on a ball of roughness 0.25, 4 % with half
@@ -137,11 +146,12 @@ def mean_squares(moments: asg.Moments) -> Tensor:
     return moments.second[..., :2] / moments.zeroth[..., None]
 
 
-def kinds(lobes: Lobes) -> list[Kind]:
+def kinds(lobes: Lobes, *, textured: bool = False) -> list[Kind]:
     """Choose what each lobe is in all frames, by its mean over them, weighted by flux.
 
     Args:
         lobes: Lobes of F frames.  [F, N, .]
+        textured: Whether cards have a texture where that is better.
 
     Returns:
         One for each lobe.
@@ -153,12 +163,13 @@ def kinds(lobes: Lobes) -> list[Kind]:
     weight = torch.where(dark, 1.0, weight) / torch.where(dark, len(weight), weight.sum(0))
     square = (weight * mean_squares(moments).amax(-1)).sum(0)
     width = (weight * texels.lobe_width(lobes)).sum(0)
-    single = square <= SINGLE_SQUARE
+    single = square <= (TEXTURED_SQUARE if textured else SINGLE_SQUARE)
+    one_card = Kind.TEXTURED if textured else Kind.SINGLE
     # The outer card would be wider than the widest, and the fill has texels for the narrow side.
     fits = width >= FILL_WIDTH_TEXELS * math.pi / FILL_HEIGHT
     fill = (square * _OUTER > _SQUARE_MAX) & fits
     return [
-        Kind.FILL if is_fill else Kind.SINGLE if is_single else Kind.SOFT
+        Kind.FILL if is_fill else one_card if is_single else Kind.SOFT
         for is_fill, is_single in zip(fill.tolist(), single.tolist(), strict=True)
     ]
 
@@ -182,11 +193,14 @@ def values(
     sides = 2 if lobes.form is Form.BINGHAM else 1
     found = {}
     for share, pieces in LEVELS[kind]:
-        extents = [
-            half_extent(squares * torch.tensor(piece.squares, dtype=torch.float64))
-            for piece in pieces
-        ]
-        angle = torch.stack([solid_angle(extent) for extent in extents]).sum(0)
+        wanted = [squares * squares.new_tensor(piece.squares) for piece in pieces]
+        if kind is Kind.TEXTURED:
+            extents = [card_texture.half_extent(one, _WIDEST) for one in wanted]
+            angles = [card_texture.measured(extent).solid_angle for extent in extents]
+        else:
+            extents = [half_extent(one) for one in wanted]
+            angles = [solid_angle(extent) for extent in extents]
+        angle = torch.stack(angles).sum(0)
         intensity, color = intensity_and_color(share / sides * flux / angle[..., None])
         for piece, extent in zip(pieces, extents, strict=True):
             size = 2 * piece.distance * distance * extent
@@ -200,7 +214,11 @@ def values(
 
 
 def lights(
-    lobes: Lobes, moments: asg.Moments, distance: float, chosen: Sequence[Kind]
+    lobes: Lobes,
+    moments: asg.Moments,
+    distance: float,
+    chosen: Sequence[Kind],
+    texture: str = "",
 ) -> list[list[Light]]:
     """Return the cards of every lobe.
 
@@ -209,6 +227,7 @@ def lights(
         moments: Theirs, float64.  [F, N, .]
         distance: From the origin to the cards, in stage units.
         chosen: What each lobe is.
+        texture: That of the cards, relative to the stage; empty where there is none.
     """
     found: list[list[Light]] = [[] for _ in chosen]
     for kind in Kind:
@@ -220,6 +239,8 @@ def lights(
                 schema.TRANSLATE: Gf.Vec3d(0, 0, piece.distance * distance),
                 schema.NORMALIZE: False,
             }
+            if kind is Kind.TEXTURED and texture:
+                constants[schema.TEXTURE] = Sdf.AssetPath(texture)
             for place, member in enumerate(members):
                 one = {name: value[:, place] for name, value in tracks.items()}
                 found[member].append(Light(piece.name, one, constants, (schema.TRANSLATE,)))

@@ -9,7 +9,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -35,23 +35,35 @@ colour, change a card's flux by 4e-4, a fifth of what the shape of the best card
 where a track bends so little that its samples are left out."""
 
 
+class Images(NamedTuple):
+    """The images of a stage, by paths relative to it.
+
+    Attributes:
+        dome: One for each frame, or one for all.
+        fill: Those of the lobes that are fill, likewise; empty where no lobe is.
+        card: The texture of the cards; empty where none has one.
+    """
+
+    dome: Sequence[str]
+    fill: Sequence[str] = ()
+    card: str = ""
+
+
 def build(
     tracks: LobeTracks,
     options: StageOptions,
-    textures: Sequence[str],
+    images: Images,
     name: str,
     kinds: Sequence[cards.Kind],
-    fill: Sequence[str] = (),
 ) -> tuple[Sdf.Layer, TrackAuthor]:
     """Author the whole stage.
 
     Args:
         tracks: Lobes of all frames.
         options: What the stage shows, and where.
-        textures: Dome images relative to the layer: one for each frame, or one for all.
+        images: What the lights show.
         name: Of the layer's file.
         kinds: What each lobe is in the cards.
-        fill: Images of the lobes that are fill, likewise; empty where no lobe is.
 
     Returns:
         An anonymous layer, and the author with its sample counts.
@@ -74,15 +86,15 @@ def build(
             Sdf.VariantSpec(variants, str(representation)).primSpec
             for representation in Representation
         )
-        on_cards = cards.lights(lobes, moments, options.card_distance, kinds)
+        on_cards = cards.lights(lobes, moments, options.card_distance, kinds, images.card)
         _author_lights(author, in_cards, "RectLight", tracks.names, on_cards)
         if cards.Kind.FILL in kinds:
-            _author_dome(author, in_cards, schema.FILL, fill, space)
+            _author_dome(author, in_cards, schema.FILL, images.fill, space)
         threefold = distant.threefold(tracks.lobes, options.distant_lights)
         in_sky = distant.lights(lobes, moments, threefold)
         _author_lights(author, in_distant, "DistantLight", tracks.names, in_sky)
         _author_lights(author, in_dome, "DomeLight", tracks.names, [[]] * lobes.count)
-        _author_dome(author, in_dome, schema.DOME, textures, space)
+        _author_dome(author, in_dome, schema.DOME, images.dome, space)
     return layer, author
 
 
@@ -159,6 +171,8 @@ def _custom_data(tracks: LobeTracks, options: StageOptions) -> dict[str, Any]:
         "version": schema.FORMAT_VERSION,
         schema.UP_AXIS: options.up_axis,
         schema.DISTANCE: options.card_distance,
+        schema.DISTANT_LIGHTS: options.distant_lights,
+        schema.CARD_TEXTURE: options.card_texture,
         "metadata": metadata_text(tracks),
     }
     first, last = tracks.frames[0], tracks.frames[-1]

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux
 
+from asglight.images.decode import read_header, read_pixels
 from asglight.usd import schema
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_of
-from asglight.usd.stage import find_rig, has_lobe_api, numbers, open_stage
+from asglight.usd.stage import find_rig, has_lobe_api, image_file, numbers, open_stage
 
 LIMITS = {
     schema.COLOR: (0.0, 1.0),
@@ -29,6 +30,10 @@ LIMITS = {
 }
 """Lowest and highest value of each component. Beyond 180 degrees a normalised distant light no
 longer gives the irradiance that its intensity says."""
+
+
+TEXTURE_MEAN = 1e-3
+"""Of the mean of a card's texture. The rounding of its half floats is 2e-4 and evens out."""
 
 
 def lint_stage(path: str | Path) -> list[str]:
@@ -151,6 +156,8 @@ def _attribute_findings(attribute: Usd.Attribute) -> Iterator[str]:
         yield f"is {default!r}; expected 'latlong'"
     elif attribute.GetTypeName() == Sdf.ValueTypeNames.Asset:
         yield from _asset_findings(attribute, times)
+        if attribute.GetPrim().GetTypeName() == schema.LIGHT_TYPES[Representation.CARDS]:
+            yield from _texture_findings(attribute, times)
     elif schema.VALUE_TYPES.get(name) == attribute.GetTypeName():
         yield from _number_findings(attribute, times)
 
@@ -174,6 +181,19 @@ def _asset_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[st
             yield f"is {asset.path}{at}; expected a path relative to the stage"
         elif not _is_there(asset):
             yield f"is {asset.path}{at}, which is not there; expected an image"
+
+
+def _texture_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[str]:
+    """Report a texture with which a card has another flux than in a program that drops it."""
+    asset = attribute.Get()
+    if times:
+        yield "changes over time; expected one image for all frames"
+    if asset is None or not _is_there(asset):
+        return
+    with image_file(asset.resolvedPath) as path:
+        mean = float(read_pixels(read_header(path)).mean(dtype=np.float64))
+    if abs(mean - 1) > TEXTURE_MEAN:
+        yield f"is {asset.path} of mean {mean:.4g}; expected 1, the flux of a card without it"
 
 
 def _is_there(asset: Sdf.AssetPath) -> bool:

@@ -55,6 +55,7 @@ class StageOptions:
         primary_path: The prim that holds the lobes, such as `/World/Lights/Env`.
         colorspace: Linear space of the stage's colours, by a name that OpenColorIO knows.
         distant_lights: Of an anisotropic lobe in `distant`: 1, or 3 in a row.
+        card_texture: Whether cards have a Gaussian texture where that is better.
     """
 
     representation: str = Representation.CARDS
@@ -65,6 +66,7 @@ class StageOptions:
     primary_path: str = "/AsgRig"
     colorspace: str = ocio.REC709
     distant_lights: int = 1
+    card_texture: bool = False
 
     @property
     def card_distance(self) -> float:

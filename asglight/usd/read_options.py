@@ -31,6 +31,7 @@ def options_of(rig: Usd.Prim) -> StageOptions:
             changes.
     """
     space = space_of(rig)
+    data = rig_data(rig)
     shown = rig.GetVariantSet(schema.VARIANT_SET).GetVariantSelection()
     return StageOptions(
         representation=shown if shown in set(Representation) else StageOptions.representation,
@@ -40,7 +41,8 @@ def options_of(rig: Usd.Prim) -> StageOptions:
         up_axis=space.up_axis,
         primary_path=str(rig.GetPath()),
         colorspace=space.colorspace,
-        distant_lights=3 if any(shown_threefold(rig)) else 1,
+        distant_lights=3 if data.get(schema.DISTANT_LIGHTS) == 3 else 1,
+        card_texture=bool(data.get(schema.CARD_TEXTURE, False)),
     )
 
 
@@ -64,8 +66,16 @@ def _card_kind(lobe: Usd.Prim, filled: bool) -> cards.Kind:
     soft = {piece.name for _, pieces in cards.LEVELS[cards.Kind.SOFT] for piece in pieces}
     if any(name.rpartition("_")[2] in soft for name in below):
         return cards.Kind.SOFT
-    has_own = lobe.GetTypeName() != "Xform" or not set(schema.SIDES).isdisjoint(below)
+    own = [lobe, *(lobe.GetChild(side) for side in schema.SIDES if side in below)]
+    if any(_has_texture(light) for light in own):
+        return cards.Kind.TEXTURED
+    has_own = lobe.GetTypeName() != "Xform" or len(own) > 1
     return cards.Kind.SINGLE if has_own or not filled else cards.Kind.FILL
+
+
+def _has_texture(light: Usd.Prim) -> bool:
+    asset = light.GetAttribute(schema.TEXTURE).Get() if light.HasAttribute(schema.TEXTURE) else None
+    return bool(asset and asset.path)
 
 
 def threefold_lobes(rig: Usd.Prim) -> list[bool]:

@@ -5,7 +5,8 @@
                             other path, below Xforms
     /AsgRig/Lobes/lobe_NN   the lobe: AsgLobeAPI and xformOp:orient, outside the variants
         cards               RectLight at (0, 0, distance) of the lobe frame if it is sharp, an
-                            Xform with three of them if it is softer, a mere Xform if it is broad
+                            Xform with three of them if it is softer, a mere Xform if it is broad;
+                            a RectLight with a texture where one was asked for
         distant             DistantLight, or an Xform with three of them
         dome                Xform: data only
     /AsgRig/Fill            DomeLight of the broad lobes, in the variant cards only
@@ -34,8 +35,9 @@ VARIANT_SET = "representation"
 
 CUSTOM_DATA = "asglight"
 """Key of the custom data on the rig: {int version, string upAxis, double distance,
-string metadata (JSON), int[] frames}."""
+int distantLights, bool cardTexture, string metadata (JSON), int[] frames}."""
 UP_AXIS, DISTANCE = "upAxis", "distance"
+DISTANT_LIGHTS, CARD_TEXTURE = "distantLights", "cardTexture"
 """Keys there; the first is also that of the stage's own axis."""
 DIGEST = "digest"
 """Key of the custom data on a lobe: {string digest} (asglight.usd.digest)."""

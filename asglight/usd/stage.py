@@ -4,7 +4,8 @@
 import itertools
 import tempfile
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -129,13 +130,25 @@ def image_height(resolved: str) -> int:
     Raises:
         InputError: It cannot be read.
     """
+    with image_file(resolved) as path:
+        return read_header(path).height
+
+
+@contextmanager
+def image_file(resolved: str) -> Iterator[Path]:
+    """Give the file of an image, of one within a package a copy that lasts as long.
+
+    Args:
+        resolved: Its path as USD resolves it.
+    """
     if not Ar.IsPackageRelativePath(resolved):
-        return read_header(Path(resolved)).height
+        yield Path(resolved)
+        return
     asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(resolved))
     with tempfile.TemporaryDirectory(prefix="asglight-") as folder:
-        copy = Path(folder) / "dome.exr"
+        copy = Path(folder) / "image.exr"
         copy.write_bytes(asset.GetBuffer() if asset else b"")
-        return read_header(copy).height
+        yield copy
 
 
 def numbers(values: Iterable[object], kind: Sdf.ValueTypeName) -> NDArray[np.float64]:

@@ -20,7 +20,7 @@ from pxr import Sdf, Tf
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
-from asglight.usd import cards, dome
+from asglight.usd import card_texture, cards, dome
 from asglight.usd.authoring import TrackAuthor
 from asglight.usd.faults import reason
 from asglight.usd.spaces import Space
@@ -94,9 +94,16 @@ def write_dome(
     """
     folder = dome_folder(place)
     folder.mkdir(exist_ok=True)
-    try:
+    with _named_as_asked(place):
         return dome.write_textures(tracks, folder, f"{place.stem}{part}", height, space)
-    except InputError as error:  # names a file of the hidden folder, which nobody asked for
+
+
+@contextmanager
+def _named_as_asked(place: Path) -> Iterator[None]:
+    """Name the file that was asked for, and not that of the hidden folder, in what is raised."""
+    try:
+        yield
+    except InputError as error:
         raise InputError(
             str(error).replace(shown(place.parent), shown(place.parent.parent))
         ) from error
@@ -116,6 +123,20 @@ def write_fill(
     names = tuple(name for name, one in zip(tracks.names, broad, strict=True) if one)
     chosen = replace(tracks, lobes=tracks.lobes.to("cpu").select(broad), names=names)
     return write_dome(chosen, place, cards.FILL_HEIGHT, space, ".fill")
+
+
+def write_card(kinds: Sequence[cards.Kind], place: Path) -> list[Path]:
+    """Write the texture of the cards, `<stem>.card.exr`, if a card has one.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    if cards.Kind.TEXTURED not in kinds:
+        return []
+    path = dome_folder(place) / f"{place.stem}.card.exr"
+    with _named_as_asked(place):
+        card_texture.write_texture(path)
+    return [path]
 
 
 def relative_names(textures: Sequence[Path]) -> list[str]:

@@ -24,12 +24,14 @@ def write_usd(
     primary_path: str = StageOptions.primary_path,
     colorspace: str = StageOptions.colorspace,
     distant_lights: int = StageOptions.distant_lights,
+    card_texture: bool = StageOptions.card_texture,
 ) -> WriteReport:
     """Write tracks as one stage that holds cards, distant lights and a dome as variants.
 
     The dome's images go to the folder `<stem>_dome` beside the stage, `<stem>.<frame>.exr`, those
-    of the cards' fill are `<stem>.fill.<frame>.exr`; tracks that never change have one. Images of
-    an earlier, longer write stay where they are. A package holds its images itself.
+    of the cards' fill are `<stem>.fill.<frame>.exr`; tracks that never change have one. The texture
+    of the cards is `<stem>.card.exr`. Images of an earlier, longer write stay where they are. A
+    package holds its images itself.
 
     Args:
         tracks: Lobes of F frames; metadata of JSON values, which come back as JSON gives them.
@@ -44,6 +46,7 @@ def write_usd(
         colorspace: Linear space of the stage's colours, by a name that OpenColorIO knows, such as
             `ACEScg`. The tracks are Rec.709; `read_usd` converts back.
         distant_lights: Of an anisotropic lobe in `distant`: 1, or 3 in a row.
+        card_texture: Give cards a Gaussian texture, one for all, where that is better.
 
     Returns:
         Files and sample counts.
@@ -62,22 +65,26 @@ def write_usd(
         primary_path=primary_path,
         colorspace=colorspace,
         distant_lights=distant_lights,
+        card_texture=card_texture,
     )
     check_stage_options(options)
     check_tracks(tracks)
     check_target(path, STAGE_SUFFIXES)
     with staging.staged(path) as place:
-        space, kinds = space_for(options), cards.kinds(tracks.lobes)
-        textures = staging.write_dome(tracks, place, dome_height, space)
+        space, kinds = space_for(options), cards.kinds(tracks.lobes, textured=card_texture)
+        of_all = staging.write_dome(tracks, place, dome_height, space)
         fill = staging.write_fill(tracks, kinds, place, space)
+        card = staging.write_card(kinds, place)
+        files = [*of_all, *fill, *card]
         root = staging.root_layer(place)
-        of_all, of_fill = (staging.relative_names(images) for images in (textures, fill))
-        built, author = layer.build(tracks, options, of_all, root.name, kinds, of_fill)
+        names = [staging.relative_names(images) for images in (of_all, fill, card)]
+        images = layer.Images(names[0], names[1], "".join(names[2]))
+        built, author = layer.build(tracks, options, images, root.name, kinds)
         staging.export(built, root)
         if root != place:
-            staging.package(place, [root, *textures, *fill])
+            staging.package(place, [root, *files])
         findings = lint_stage(place)
         if findings:
             raise RuntimeError(f"the stage breaks its own contract: {findings}")
-        beside = [*textures, *fill] if root == place else []
+        beside = files if root == place else []
         return staging.move_into_place(place, path, beside, author)

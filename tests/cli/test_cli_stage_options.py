@@ -23,12 +23,15 @@ WORDS = {
     "--distance": "50",
     "--colorspace": "ACEScg",
     "--dome-height": "16",
+    "--distant-lights": "3",
 }
-OPTIONS = StageOptions("distant", 50.0, 16, 0.01, "Z", "/World/Lights/Env", "lin_ap1_scene")
+OPTIONS = StageOptions(
+    "distant", 50.0, 16, 0.01, "Z", "/World/Lights/Env", "lin_ap1_scene", 3, card_texture=True
+)
 
 
 def words() -> list[str]:
-    return [word for pair in WORDS.items() for word in pair]
+    return [*(word for pair in WORDS.items() for word in pair), "--card-texture"]
 
 
 @pytest.fixture(scope="module")
@@ -68,10 +71,23 @@ def test_a_stitched_shot_is_written_as_its_first_part_or_as_asked_for(
     shot = str(tmp_path / "shot.usdz")
     assert main(["stitch", *parts, "-o", shot, "--json"]) == 0
     assert read_options(shot) == OPTIONS
-    assert main(["stitch", *parts, "-o", shot, "--up-axis", "Y", "--json"]) == 0
+    asked = ["--up-axis", "Y", "--distant-lights", "1", "--no-card-texture"]
+    assert main(["stitch", *parts, "-o", shot, *asked, "--json"]) == 0
     assert read_options(shot) == StageOptions(
         "distant", 50.0, 16, 0.01, "Y", "/World/Lights/Env", "lin_ap1_scene"
     )
+
+
+def test_options_that_change_nothing_in_the_first_part_are_those_of_the_shot(
+    images: Path, tmp_path: Path
+) -> None:
+    """Lobes of the form sg are round: they have one distant light, whatever was asked for."""
+    parts = [str(tmp_path / f"part.{k}.usdc") for k in (1, 2)]
+    fit = ["fit", str(images), "--form", "sg", "--lobes", "2", "--json"]
+    for part, frames in zip(parts, ("1001-1003", "1002-1004"), strict=True):
+        assert main([*fit, "--frames", frames, "-o", part, "--distant-lights", "3"]) == 0
+    assert main(["stitch", *parts, "-o", str(tmp_path / "shot.usdc"), "--json"]) == 0
+    assert read_options(tmp_path / "shot.usdc").distant_lights == 3
 
 
 def test_a_view_opens_a_package(parts: list[str], tmp_path: Path) -> None:

@@ -119,7 +119,8 @@ def test_frames_whose_samples_were_left_out_keep_their_flux(tmp_path):
     tracks = moving(range(1, 1201))
     tracks.lobes.sharpness[:, 0] *= 500  # one card
     kinds = cards.kinds(tracks.lobes)
-    built, author = layer.build(tracks, StageOptions(), ["./sky.exr"], "shot.usdc", kinds)
+    images = layer.Images(["./sky.exr"])
+    built, author = layer.build(tracks, StageOptions(), images, "shot.usdc", kinds)
     assert author.left_out > 0.3 * author.written
     built.Export(str(tmp_path / "shot.usdc"))
     stage = open_as(tmp_path / "shot.usdc", "cards")

@@ -157,9 +157,9 @@ def test_a_long_shot_stays_small(jitter, megabytes, tmp_path):
     160 bytes a frame (docs/usd.md), which no tolerance below the noise makes less.
     """
     tracks = moving(range(1000), lobes=15, jitter=jitter)
-    textures = [f"./shot_dome/shot.{frame:04d}.exr" for frame in tracks.frames]
+    images = layer.Images([f"./shot_dome/shot.{frame:04d}.exr" for frame in tracks.frames])
     kinds = cards.kinds(tracks.lobes)
-    built, _ = layer.build(tracks, StageOptions(), textures, "shot.usdc", kinds)
+    built, _ = layer.build(tracks, StageOptions(), images, "shot.usdc", kinds)
     built.Export(str(tmp_path / "shot.usdc"))
     assert (tmp_path / "shot.usdc").stat().st_size < megabytes * 1e6
 
