@@ -145,7 +145,11 @@ def opened(arguments: argparse.Namespace) -> tuple[ImageSequence, Sequence[int]]
     """Open the input and choose its frames: those asked for, or the first."""
     height = QUICK_HEIGHT if arguments.quick else FIT_HEIGHT
     sequence = open_sequence(
-        arguments.input, frames=arguments.frames, height=height, layer=arguments.layer
+        arguments.input,
+        frames=arguments.frames,
+        height=height,
+        layer=arguments.layer,
+        colorspace=arguments.input_colorspace,
     )
     return sequence, sequence.frames if arguments.frames else sequence.frames[:1]
 

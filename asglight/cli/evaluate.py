@@ -65,7 +65,11 @@ def reference_for(frames: tuple[int, ...], arguments: argparse.Namespace) -> Seq
         InputError: The reference lacks a frame; the truth is never made up.
     """
     sequence = open_sequence(
-        arguments.reference, missing="hold", height=FIT_HEIGHT, layer=arguments.layer
+        arguments.reference,
+        missing="hold",
+        height=FIT_HEIGHT,
+        layer=arguments.layer,
+        colorspace=arguments.input_colorspace,
     )
     absent = [frame for frame in frames if frame not in sequence.source.files]
     if absent:

@@ -108,6 +108,7 @@ def shots_from(arguments: argparse.Namespace, options: FitOptions) -> list[Shot]
                 arguments.fps,
                 arguments.missing,
                 arguments.layer,
+                arguments.input_colorspace,
                 StageOptions(**given_stage_options(arguments)),
                 names_from_of(arguments, stage),
             )

@@ -92,6 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
             fps=arguments.fps,
             missing=arguments.missing,
             layer=arguments.layer,
+            input_colorspace=arguments.input_colorspace,
             stage=StageOptions(**given_stage_options(arguments)),
             names_from=arguments.names_from,
             resume=arguments.resume,

@@ -43,6 +43,7 @@ class LiveJob:
         frames: Frame numbers, ascending.
         source: Image file, folder or pattern; None for the built-in environment.
         layer: Layer or part of OpenEXR files; None for the plain image.
+        input_colorspace: Linear space of the images, whatever they state; None for what they do.
         lobes: Number of lobes; None for the usual one.
         fps: Frames per second of the tracks.
     """
@@ -50,6 +51,7 @@ class LiveJob:
     frames: tuple[int, ...]
     source: str | None = None
     layer: str | None = None
+    input_colorspace: str | None = None
     lobes: int | None = None
     fps: float = 24.0
 
@@ -209,6 +211,11 @@ def _reader(job: LiveJob) -> "Callable[[int], Tensor]":
 
     wanted = ",".join(map(str, job.frames))
     sequence = open_sequence(
-        job.source, frames=wanted, missing="hold", height=FIT_HEIGHT, layer=job.layer
+        job.source,
+        frames=wanted,
+        missing="hold",
+        height=FIT_HEIGHT,
+        layer=job.layer,
+        colorspace=job.input_colorspace,
     )
     return lambda frame: sequence.read(frame).radiance

@@ -36,6 +36,7 @@ class Request:
         reference: Images to compare a stage with.
         frames: Frames of the images to use, such as `1001-1048`; None for all.
         layer: Layer or part of OpenEXR images; None for the plain image.
+        input_colorspace: Linear space of the images, whatever they state; None for what they do.
         live: Fit the images while they are shown.
         lobes: Number of lobes of that fit; None for the usual one.
     """
@@ -44,6 +45,7 @@ class Request:
     reference: str | None = None
     frames: str | None = None
     layer: str | None = None
+    input_colorspace: str | None = None
     live: bool = False
     lobes: int | None = None
 
@@ -110,8 +112,13 @@ def _check(request: Request, stage: Path | None) -> None:
             "--lobes: given without --live; expected both or neither. Add --live to fit images."
         )
     images = request.reference if stage is not None else request.input
-    if images is None and (request.frames or request.layer):
-        name = "--frames" if request.frames else "--layer"
+    choosing = {
+        "--frames": request.frames,
+        "--layer": request.layer,
+        "--input-colorspace": request.input_colorspace,
+    }
+    if images is None and any(choosing.values()):
+        name = next(name for name, value in choosing.items() if value)
         raise InputError(
             f"{name}: given without images to choose from; expected them as INPUT or with "
             "--reference."
@@ -145,7 +152,10 @@ def _stage(stage: Path, request: Request) -> "Session":
         reference = None
         if request.reference is not None:
             reference = open_reference(
-                request.reference, frames=request.frames, layer=request.layer
+                request.reference,
+                frames=request.frames,
+                layer=request.layer,
+                colorspace=request.input_colorspace,
             )
         on_failure.pop_all()
     if reference is not None:
@@ -191,10 +201,11 @@ def _images(source: str, request: Request) -> "Session":
     from asglight.viewer.source import FixedSource
     from asglight.viewer.state import ViewerState
 
-    reference = open_reference(source, frames=request.frames, layer=request.layer)
+    space = request.input_colorspace
+    reference = open_reference(source, frames=request.frames, layer=request.layer, colorspace=space)
     tracks = no_lobes(reference.timeline, FPS)
     if request.live:
-        job = LiveJob(reference.timeline, source, request.layer, request.lobes, FPS)
+        job = LiveJob(reference.timeline, source, request.layer, space, request.lobes, FPS)
         lobes: TrackSource = LiveSource(job)
     else:
         hint = "shown without lobes: --live fits them now, asglight fit -o STAGE keeps them"

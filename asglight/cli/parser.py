@@ -30,12 +30,18 @@ def one_line(message: str) -> str:
 
 
 def add_input_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that choose frames and layer of an image sequence."""
+    """Add the options that choose frames, layer and colours of an image sequence."""
     parser.add_argument(
         "--frames", metavar="RANGE", help="frames, such as 1001-1048 or 1001-1048x2 (default: all)"
     )
     parser.add_argument(
         "--layer", metavar="NAME", help="layer or part of OpenEXR files (default: the plain image)"
+    )
+    parser.add_argument(
+        "--input-colorspace",
+        metavar="NAME",
+        help="linear space of the images, such as ACEScg, whatever they state (default: what they "
+        "state, else Rec.709)",
     )
 
 

@@ -53,6 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         reference=arguments.reference,
         frames=arguments.frames,
         layer=arguments.layer,
+        input_colorspace=arguments.input_colorspace,
         live=arguments.live,
         lobes=arguments.lobes,
     )

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from asglight.errors import InputError
-from asglight.images import colour, decode
+from asglight.images import colour, decode, ocio
 from asglight.images.message import shown
 from asglight.images.repair import Repair, repair
 from asglight.sphere import latlong
@@ -47,7 +47,11 @@ class LatlongImage:
 
 
 def read_latlong(
-    path: str | Path, *, height: int | None = None, layer: str | None = None
+    path: str | Path,
+    *,
+    height: int | None = None,
+    layer: str | None = None,
+    colorspace: str | None = None,
 ) -> LatlongImage:
     """Read an OpenEXR or Radiance .hdr file of any resolution as radiance.
 
@@ -59,14 +63,16 @@ def read_latlong(
         path: The file.
         height: Rows of the result, of 2 * height columns; None keeps the file's.
         layer: Layer or part of an OpenEXR file; None takes the plain R, G, B, else the only layer.
+        colorspace: Linear space of the file's colours, by a name that OpenColorIO knows, whatever
+            the file states; None for what it states, or Rec.709.
 
     Raises:
-        InputError: The file cannot be read, or is not a 2:1 image.
+        InputError: The file cannot be read, or is not a 2:1 image; or there is no such space.
     """
     check_height(height)
     header = read_header(Path(path), layer)
     values = torch.from_numpy(decode.read_pixels(header))  # [H, W, 3]
-    source = header.chromaticities
+    source = header.chromaticities if colorspace is None else _chromaticities(colorspace)
     radiance, account = repair(values, None if source is None else colour.to_rec709(source))
     rows = header.height if height is None else min(height, header.height)
     return LatlongImage(
@@ -76,6 +82,16 @@ def read_latlong(
         repair=account,
         converted_from=None if source is None else colour.name_of(source),
     )
+
+
+def check_colorspace(colorspace: str | None) -> None:
+    """Refuse a space that is not linear, or that nobody knows."""
+    if colorspace is not None:
+        _chromaticities(colorspace)
+
+
+def _chromaticities(colorspace: str) -> colour.Chromaticities | None:
+    return ocio.chromaticities(ocio.interop_id(colorspace, "input colorspace"))
 
 
 def read_header(path: Path, layer: str | None = None) -> decode.Header:

@@ -35,8 +35,12 @@ NAMES = {
 """The config's name of each space that a stage can name, by Color Interop ID."""
 
 
-def interop_id(name: str) -> str:
+def interop_id(name: str, option: str = "colorspace") -> str:
     """Return the Color Interop ID of a linear space, whatever it is called.
+
+    Args:
+        name: A name of `NAMES`, of asglight.images.colour, or another that OpenColorIO has for it.
+        option: What it is the value of, for the message.
 
     Raises:
         InputError: OpenColorIO knows no such space, or it is not one of `NAMES`.
@@ -50,7 +54,7 @@ def interop_id(name: str) -> str:
         if known == found:
             return space
     raise InputError(
-        f"colorspace: {shown(name) or 'empty'}; expected a linear space with primaries: "
+        f"{option}: {shown(name) or 'empty'}; expected a linear space with primaries: "
         f"{', '.join(NAMES.values())}, or another name that OpenColorIO has for one of them."
     )
 

@@ -18,7 +18,13 @@ from typing import Literal, get_args
 from asglight.errors import InputError
 from asglight.images import frame_files
 from asglight.images.frame_files import FrameFiles, frame_set, ranges
-from asglight.images.latlong_image import LatlongImage, check_height, read_header, read_latlong
+from asglight.images.latlong_image import (
+    LatlongImage,
+    check_colorspace,
+    check_height,
+    read_header,
+    read_latlong,
+)
 from asglight.images.message import shown
 
 # Over an hour at 24 frames a second; beyond it a number in a file name is a date, not a frame.
@@ -42,6 +48,7 @@ class Sequence:
             distance in time, in radiance (`interpolate`). At either end the nearest frame is held.
         height: Rows that larger images are reduced to; None keeps their size.
         layer: Layer or part to read; None for the plain image.
+        colorspace: Linear space of the colours, whatever the files state; None for what they do.
     """
 
     source: FrameFiles
@@ -50,6 +57,7 @@ class Sequence:
     missing: Missing = "error"
     height: int | None = None
     layer: str | None = None
+    colorspace: str | None = None
 
     @property
     def name(self) -> str:
@@ -115,7 +123,7 @@ class Sequence:
 
     def _read_file(self, frame: int) -> LatlongImage:
         path = self.source.files[frame]
-        image = read_latlong(path, height=self.height, layer=self.layer)
+        image = read_latlong(path, height=self.height, layer=self.layer, colorspace=self.colorspace)
         height, width = image.radiance.shape[:2]
         if height != self._height_of_all:
             raise InputError(
@@ -143,6 +151,7 @@ def open_sequence(
     missing: Missing = "error",
     height: int | None = None,
     layer: str | None = None,
+    colorspace: str | None = None,
 ) -> Sequence:
     """Find the frames of a still, a folder or a pattern; read none of them.
 
@@ -157,11 +166,14 @@ def open_sequence(
         missing: `error`, or what stands in for a missing frame: `hold` or `interpolate`.
         height: Rows that larger images are reduced to; None keeps their size.
         layer: Layer or part of OpenEXR files; None takes the plain R, G, B, else the only layer.
+        colorspace: Linear space of the colours, by a name that OpenColorIO knows, whatever the
+            files state; None for what they state, or Rec.709.
 
     Raises:
         InputError: Nothing is there, or it is not one sequence, or frames are missing.
     """
     check_height(height)
+    check_colorspace(colorspace)
     if missing not in get_args(Missing):
         raise InputError(
             f"missing: {shown(missing)}; expected one of {', '.join(get_args(Missing))}."
@@ -180,7 +192,7 @@ def open_sequence(
             f"{found.name}: {count} ({ranges(absent)}); expected every frame of "
             f"{_span(wanted)}. Use --missing hold or --missing interpolate."
         )
-    return Sequence(found, wanted, absent, missing, height, layer)
+    return Sequence(found, wanted, absent, missing, height, layer, colorspace)
 
 
 def _wanted(found: FrameFiles, frames: str | None) -> tuple[int, ...]:

@@ -64,6 +64,7 @@ class Shot:
         fps: Frames per second.
         missing: What stands in for a missing frame.
         layer: Layer or part of OpenEXR files.
+        input_colorspace: Linear space of the images, whatever they state; None for what they do.
         stage: How the stage is written.
         names_from: Stage whose lights keep their names; None for the one written over.
     """
@@ -75,6 +76,7 @@ class Shot:
     fps: float = 24.0
     missing: Missing = "error"
     layer: str | None = None
+    input_colorspace: str | None = None
     stage: StageOptions = field(default_factory=StageOptions)
     names_from: str | None = None
 
@@ -265,7 +267,12 @@ def opened(shot: Shot) -> Sequence:
         InputError: They cannot be found.
     """
     return open_sequence(
-        shot.source, frames=shot.frames, missing=shot.missing, height=FIT_HEIGHT, layer=shot.layer
+        shot.source,
+        frames=shot.frames,
+        missing=shot.missing,
+        height=FIT_HEIGHT,
+        layer=shot.layer,
+        colorspace=shot.input_colorspace,
     )
 
 
@@ -303,6 +310,7 @@ def fit_part(part: Part, known: Followed | None, on_progress: OnProgress) -> Non
         fps=shot.fps,
         missing=shot.missing,
         layer=shot.layer,
+        input_colorspace=shot.input_colorspace,
         stage=shot.stage,
         names_from=shot.names_from,
         resume=True,

@@ -62,6 +62,7 @@ def fit_shot(
     fps: float = 24.0,
     missing: Missing = "error",
     layer: str | None = None,
+    input_colorspace: str | None = None,
     stage: StageOptions = StageOptions(),  # noqa: B008  frozen as well
     names_from: str | Path | None = None,
     resume: bool = False,
@@ -83,6 +84,7 @@ def fit_shot(
         fps: Frames per second.
         missing: `error`, or what stands in for a missing frame: `hold` or `interpolate`.
         layer: Layer or part of OpenEXR files; None for the plain image.
+        input_colorspace: Linear space of the images, whatever they state; None for what they do.
         stage: How the stage is written.
         names_from: A stage of an earlier fit, whose names its lights keep; None for the one that
             is written anew, if there is one.
@@ -99,7 +101,14 @@ def fit_shot(
     check_output(output)
     check_stage_options(stage)
     earlier = _earlier(output, names_from, on_progress)
-    sequence = open_sequence(source, frames=frames, missing=missing, height=FIT_HEIGHT, layer=layer)
+    sequence = open_sequence(
+        source,
+        frames=frames,
+        missing=missing,
+        height=FIT_HEIGHT,
+        layer=layer,
+        colorspace=input_colorspace,
+    )
     check_preroll(options, sequence.frames[0])
     options = options.settled()
     header = header_of(settings_of(sequence, options, fps))
@@ -127,6 +136,7 @@ def fit_sequence(
     fps: float = 24.0,
     missing: Missing = "error",
     layer: str | None = None,
+    input_colorspace: str | None = None,
     tolerance: float | None = None,
     max_lobes: int | None = None,
     on_progress: OnProgress = ignore,
@@ -148,6 +158,7 @@ def fit_sequence(
         fps: Frames per second.
         missing: `error`, or what stands in for a missing frame: `hold` or `interpolate`.
         layer: Layer or part of OpenEXR files; None for the plain image.
+        input_colorspace: Linear space of the images, whatever they state; None for what they do.
         tolerance: In place of `lobes`: the fewest with which irr and r0.5 of every frame stay at or
             below this.
         max_lobes: With a tolerance, lobes at most (None: 30).
@@ -167,7 +178,14 @@ def fit_sequence(
     )
     check_options(options)
     check_fps(fps)
-    sequence = open_sequence(source, frames=frames, missing=missing, height=FIT_HEIGHT, layer=layer)
+    sequence = open_sequence(
+        source,
+        frames=frames,
+        missing=missing,
+        height=FIT_HEIGHT,
+        layer=layer,
+        colorspace=input_colorspace,
+    )
     shot = fitted_shot(sequence, options.settled(), InMemory(), on_progress)
     return tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
 

@@ -160,6 +160,7 @@ def _opened(sequence: Sequence, frames: list[int]) -> Sequence:
         missing=sequence.missing,
         height=sequence.height,
         layer=sequence.layer,
+        colorspace=sequence.colorspace,
     )
 
 

@@ -105,6 +105,7 @@ def settings_of(sequence: Sequence, options: FitOptions, fps: float) -> dict[str
         "asglight": __version__,
         "source": os.path.abspath(sequence.pattern),
         "layer": sequence.layer,
+        "input_colorspace": sequence.colorspace,
         "missing": sequence.missing,
         "height": sequence.height,
         "frames": list(sequence.frames),

@@ -55,6 +55,7 @@ def tracks_from(
         "asglight": __version__,
         "source": Path(sequence.pattern).name,
         "layer": sequence.layer,
+        "input_colorspace": sequence.colorspace,
         "missing": sequence.missing,
         **options_as_json(options),
         **measured,

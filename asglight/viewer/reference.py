@@ -92,7 +92,11 @@ class Reference:
 
 
 def open_reference(
-    source: str, *, frames: str | None = None, layer: str | None = None
+    source: str,
+    *,
+    frames: str | None = None,
+    layer: str | None = None,
+    colorspace: str | None = None,
 ) -> Reference:
     """Open a file, a folder or a pattern; images are read when they are wanted.
 
@@ -102,12 +106,20 @@ def open_reference(
         source: A file; a folder that holds one image or one sequence; or a pattern.
         frames: Frames to use, such as `1001-1048`; None for all.
         layer: Layer or part of OpenEXR files; None for the plain image.
+        colorspace: Linear space of the images, whatever they state; None for what they do.
 
     Raises:
         InputError: Nothing is there, or it is not one sequence.
     """
     # "hold" lets a sequence with gaps be opened; what is held is not among the frames.
-    sequence = open_sequence(source, frames=frames, missing="hold", height=HEIGHT_MAX, layer=layer)
+    sequence = open_sequence(
+        source,
+        frames=frames,
+        missing="hold",
+        height=HEIGHT_MAX,
+        layer=layer,
+        colorspace=colorspace,
+    )
     existing = [frame for frame in sequence.frames if frame not in sequence.missing_frames]
 
     def read(frame: int) -> np.ndarray:

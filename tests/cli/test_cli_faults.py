@@ -75,6 +75,7 @@ FAULTS = [
     ("fit in -o x.usda --frames 5-7", "has none of the frames 5, 6, 7"),
     ("fit in -o x.usda --frames 1003-1006", r"2 frames missing \(1005, 1006\)"),
     (f"{FIT} --layer diffuse", "still.exr: .*diffuse"),
+    (f"{FIT} --input-colorspace sRGB", "input colorspace: sRGB; expected a linear space"),
     (f"{FIT} --missing guess", "--missing: invalid choice: 'guess'"),
     (f"{FIT} --lobes 0", "lobes: 0; expected 1 to 256"),
     (f"{FIT} --lobes 100000", "lobes: 100000; expected 1 to 256"),

@@ -133,6 +133,7 @@ def test_nothing_given_is_the_built_in_environment_and_its_fit(start: Open) -> N
         ({"lobes": 129}, "--lobes: 129; expected 1 to 128."),
         ({"frames": "1-2"}, "--frames: given without images to choose from; expected them as"),
         ({"input": "shot.usda", "layer": "a"}, "--layer: given without images to choose from;"),
+        ({"input_colorspace": "ACEScg"}, "--input-colorspace: given without images to choose"),
         ({"input": "nowhere.usda"}, "nowhere.usda"),
         ({"input": "nowhere.exr", "live": True}, "nowhere.exr: is not there; expected a file"),
     ],

@@ -12,6 +12,7 @@ from pxr import Usd, UsdLux
 from asglight import read_usd
 from asglight.cli.main import main
 from asglight.cli.opening import Request, opened
+from asglight.lobes import asg
 from asglight.usd.options import StageOptions
 from asglight.usd.read_options import read_options
 
@@ -190,3 +191,24 @@ def test_info_and_view_say_what_another_program_edited(
         "and 1 more, see asglight info"
     )
     session.close()
+
+
+def test_images_are_in_the_space_that_the_user_says(images: Path, tmp_path: Path) -> None:
+    """The lamp is (9, 6, 3) on 0.1; a fit of it in ACEScg has the light of Rec.709's matrix."""
+    fit = ["fit", str(images), "--frames", "1001", "--lobes", "2", "--json"]
+    asked = ["--input-colorspace", "ACEScg"]
+    plain, other = tmp_path / "a.usdc", tmp_path / "b.usdc"
+    assert main([*fit, "-o", str(plain)]) == 0
+    assert main([*fit, "-o", str(other), *asked]) == 0
+    matrix = torch.tensor(
+        [
+            [1.70505, -0.62179, -0.08326],
+            [-0.13026, 1.14080, -0.01055],
+            [-0.02400, -0.12897, 1.15297],
+        ]
+    )
+    flux = [asg.flux(read_usd(path).lobes[0]).sum(0) for path in (plain, other)]
+    # each channel of a fit keeps its flux to some 1e-3
+    torch.testing.assert_close(flux[1], matrix @ flux[0], rtol=1e-2, atol=0)
+    assert main(["eval", str(other), "--reference", str(images), "--frames", "1001", *asked]) == 0
+    assert read_usd(other).metadata["input_colorspace"] == "ACEScg"

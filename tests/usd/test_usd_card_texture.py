@@ -164,8 +164,8 @@ def test_a_card_shows_the_lobe_itself(tmp_path):
     path, tracks = tmp_path / "shot.usda", textured()
     write_usd(tracks, path, dome_height=2, card_texture=True)
     stage = Usd.Stage.Open(str(path))
-    # What ends at the sides makes the rest 2 % lower and wider; a lobe of 6 degrees is no longer the
-    # Gaussian of a plane.
+    # What ends at the sides makes the rest 2 % lower and wider; a lobe of 6 degrees is no longer
+    # the Gaussian of a plane.
     for index, bound in ((0, 0.06), (1, 0.03)):
         directions, light = light_of(path, stage.GetPrimAtPath(f"/AsgRig/Lobes/lobe_0{index}"))
         lobe = tracks.lobes[0].to(torch.float64).select(torch.tensor([index]))
