@@ -74,23 +74,19 @@ class Case(NamedTuple):
 def main(argv: Sequence[str] | None = None) -> None:
     """Measure and print Markdown tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--maps", type=Path, help="folder of latlong maps")
-    parser.add_argument("--stages", type=Path, nargs="+", default=[], help="stages of asglight")
+    inputs = parser.add_mutually_exclusive_group(required=True)
+    inputs.add_argument("--maps", type=Path, help="folder of latlong maps")
+    inputs.add_argument("--stages", type=Path, nargs="+", default=[], help="stages of asglight")
     form_help = "lobe form of the maps' fits (asg)"
     parser.add_argument("--form", type=Form, default=Form.ASG, help=form_help)
     options = parser.parse_args(argv)
-    if not (options.maps or options.stages):
-        parser.error("nothing to measure: give --maps or --stages")
     with tempfile.TemporaryDirectory() as folder:
-        rows = {
-            case.name: measured(case)
-            for cases in (
-                of_maps(options.maps, options.form, Path(folder)) if options.maps else (),
-                of_stages(options.stages),
-            )
-            for case in cases
-        }
-    print_tables(rows)
+        cases = (
+            of_maps(options.maps, options.form, Path(folder))
+            if options.maps
+            else of_stages(options.stages)
+        )
+        print_tables({case.name: measured(case) for case in cases})
 
 
 def of_maps(maps: Path, form: Form, folder: Path) -> Iterator[Case]:
