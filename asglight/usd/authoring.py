@@ -20,10 +20,6 @@ from torch import Tensor
 
 from asglight.usd import samples, schema
 
-FEW_SAMPLES = 0.5
-"""Share of the frames. A crate stores a list of times once for all attributes that share it; an
-attribute that keeps more samples than this is smaller with the list of all frames."""
-
 
 class TrackAuthor:
     """Authors tracks over the same frames and counts their samples.
@@ -95,11 +91,8 @@ class TrackAuthor:
     ) -> NDArray[np.bool_]:
         exact = values.astype(np.float64)
         if kind == Sdf.ValueTypeNames.Quatf:
-            keep = samples.kept_quaternions(exact, self.frames)
-        else:
-            keep = samples.kept(exact, self.frames, tolerance)
-        few = keep.sum() <= FEW_SAMPLES * len(keep)
-        return keep if few else np.ones_like(keep)
+            return samples.kept_quaternions(exact, self.frames)
+        return samples.kept(exact, self.frames, tolerance)
 
 
 def constant(prim: Sdf.PrimSpec, name: str, value: Any) -> Sdf.AttributeSpec:

@@ -24,6 +24,11 @@ DOT_MIN = 0.1
 between: rounding would decide which way is the shorter."""
 
 
+FEW = 0.5
+"""Share of the frames. A crate stores a list of times once for all attributes that share it; an
+attribute that needs more samples than this is smaller with the list of all frames."""
+
+
 def kept(values: Array, frames: Array, tolerance: float) -> NDArray[np.bool_]:
     """Mark the samples that linear interpolation needs.
 
@@ -36,8 +41,8 @@ def kept(values: Array, frames: Array, tolerance: float) -> NDArray[np.bool_]:
         tolerance: Largest relative error of a component that is left out.
 
     Returns:
-        True where the sample is kept. The first and the last are, or none where the first value
-        stands for all.  [F]
+        True where the sample is kept: the first, the last and a few; or none, where the first value
+        stands for all; or all.  [F]
     """
     return _split(values, frames, _lerp, tolerance * np.abs(values))
 
@@ -75,20 +80,27 @@ def _split(
     # Whatever can be left out lies within about two tolerances of its neighbours' line: this one
     # test leaves the splitting nothing to do on a noisy track.
     keep[1:-1] = excess(inner - 1, inner + 1, inner) > 2
-    while not keep.all():
-        corners, inner = np.flatnonzero(keep), np.flatnonzero(~keep)
+    inner = np.flatnonzero(~keep)
+    while len(inner) and keep.sum() <= FEW * len(keep):
+        corners = np.flatnonzero(keep)
         span = np.searchsorted(corners, inner)  # of the corner after each sample
         errors = excess(corners[span - 1], corners[span], inner)
-        starts = np.flatnonzero(np.diff(span, prepend=-1))
-        worst = np.maximum.reduceat(errors, starts)
-        if worst.max() <= 1:
-            break
+        begins = _begins(span)
+        worst = np.maximum.reduceat(errors, np.flatnonzero(begins))
+        within = np.cumsum(begins) - 1  # which span each sample is in
+        far_off = (worst > 1)[within]
         # of every span that is too far off, the first of its worst samples
-        is_worst = errors == np.repeat(worst, np.diff(starts, append=len(inner)))
-        spans, first = np.unique(span[is_worst], return_index=True)
-        assert len(spans) == len(starts)
-        keep[inner[is_worst][first[worst > 1]]] = True
-    return keep
+        chosen = np.flatnonzero(far_off & (errors == worst[within]))
+        chosen = chosen[_begins(within[chosen])]
+        keep[inner[chosen]] = True
+        far_off[chosen] = False
+        inner = inner[far_off]  # spans that are near enough stay so
+    return keep if keep.sum() <= FEW * len(keep) else np.ones_like(keep)
+
+
+def _begins(groups: NDArray) -> NDArray[np.bool_]:
+    """Mark the first sample of each group; those of a group lie together."""
+    return np.diff(groups, prepend=-1) != 0
 
 
 def _lerp(first: Array, last: Array, share: Array) -> Array:
