@@ -3,6 +3,7 @@
 
 import math
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,15 @@ from scipy import integrate, stats
 from usd_tracks import assert_same, edited, of_every_kind, still
 
 from asglight.lobes import Form, LobeTracks, asg
-from asglight.usd import card_texture, cards, lint_stage, read_stage, read_usd, write_usd
+from asglight.usd import (
+    card_texture,
+    cards,
+    lint_stage,
+    read_stage,
+    read_usd,
+    write_edit_layer,
+    write_usd,
+)
 from asglight.usd.cards import Kind
 from asglight.usd.read_options import card_kinds, read_options
 from asglight.usd.stage import find_rig
@@ -240,3 +249,29 @@ def test_the_lint_finds_a_texture_that_changes(tmp_path):
     image = Sdf.AssetPath("./shot_dome/shot.card.exr")
     change = edited(path, lambda layer: layer.SetTimeSample(card, 1001, image))
     assert lint_stage(change) == [f"{card}: changes over time; expected one image for all frames"]
+
+
+def test_a_layer_of_edits_keeps_the_texture(tmp_path):
+    """The edited lobe's card is as if the edit had been written, and has the stage's own image."""
+    write_usd(of_every_kind((1, 2, 3)), tmp_path / "a.usda", dome_height=2, card_texture=True)
+    tracks = read_usd(tmp_path / "a.usda")
+    lobes = tracks.lobes.clone()
+    lobes.sharpness[:, 2] *= torch.tensor([0.5, 2.0])
+    lobes.amplitude[:, 2] *= 3
+    after = replace(tracks, lobes=lobes)
+    write_edit_layer(tmp_path / "edit.usda", tmp_path / "a.usda", after, [2])
+    write_usd(after, tmp_path / "direct.usda", dome_height=2, card_texture=True)
+    assert lint_stage(tmp_path / "edit.usda") == []
+    reading = read_stage(tmp_path / "edit.usda")
+    assert reading.changes == ()
+    assert_same(reading.tracks, after)
+    stages = [Usd.Stage.Open(str(tmp_path / name)) for name in ("edit.usda", "direct.usda")]
+    found, wanted = (
+        UsdLux.RectLight(stage.GetPrimAtPath("/AsgRig/Lobes/lobe_02")) for stage in stages
+    )
+    assert found.GetTextureFileAttr().Get().path == "./a_dome/a.card.exr"
+    for name in ("width", "height", "intensity"):
+        values = [light.GetPrim().GetAttribute(f"inputs:{name}") for light in (found, wanted)]
+        for frame in tracks.frames:
+            one, other = (attribute.Get(frame) for attribute in values)
+            assert one == pytest.approx(other, rel=4e-4)  # samples left out
