@@ -73,8 +73,8 @@ def test_a_stage_that_nobody_edited_has_no_changes(
     reading = read_stage(path)
     assert reading.changes == ()
     assert_same(reading.tracks, tracks)
-    # a lobe of the form sg is round and has one light in any case
-    assert read_options(path).distant_lights == (1 if form is Form.SG else distant_lights)
+    # also of the form sg, whose lobes are round and have one light in any case
+    assert read_options(path).distant_lights == distant_lights
 
 
 def test_a_nearly_round_lobe_of_three_distant_lights_has_no_changes(tmp_path):
