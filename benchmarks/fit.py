@@ -31,6 +31,7 @@ from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import open_sequence
 from asglight.images import sequence as image_sequence
 from asglight.images.message import listing, shown
+from asglight.judging.machine import machine
 
 EXAMPLE = """example:
   python benchmarks/fit.py --maps ../shared/hdri --sequences ../shared/sequences -o bench-fit/
@@ -136,7 +137,7 @@ def run(options: argparse.Namespace) -> None:
         options.output.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(options.threads)
     result: dict[str, Any] = {
-        "machine": fit_machine.machine(),
+        "machine": machine(),
         "lobes": options.lobes,
         "quick": options.quick,
     }

@@ -4,34 +4,28 @@
 Seconds are of the fits alone: frames are read before.
 """
 
-import itertools
 import math
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-import torch
-from fit_measures import Clock, Point, timed
-from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from asglight.cli.progress import Reporter
-from asglight.fitting import first_frame, paper, whole_shot
+from asglight.fitting import paper
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import fit_frame, one_thread
 from asglight.fitting.temporal import waiting
 from asglight.images import sequence as image_sequence
+from asglight.judging.clock import Clock, Point
+from asglight.judging.following import follow, jumps, matched, refined
 from asglight.judging.metrics import METRIC_NAMES, frame_errors, sequence_errors
-from asglight.lobes import Lobes, asg
+from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 
 PRESETS = (Preset.LIVE, Preset.FAST)
 
 AVERAGED, AVERAGED_EVERY = ("env", "irr", "r0.5", "r0.25"), 4
 """What a mean is of; frames from one that counts in it to the next: neighbours are alike."""
-
-JUMP_DEG, JUMP_SHARE = 10.0, 0.01
-"""A lobe jumps that turns by more from one frame to the next, with more of the flux in either."""
 
 
 def following(
@@ -88,42 +82,6 @@ def following(
     }
 
 
-def follow(
-    references: Iterable[Tensor], options: FitOptions, *, fresh: bool = False
-) -> tuple[list[Lobes], list[Point]]:
-    """Fit frames one after the other; return their lobes and seconds.
-
-    Args:
-        references: Repaired radiance of each frame.  [H, W, 3]
-        options: Settings.
-        fresh: Start every frame from nothing.
-    """
-    found: list[Lobes] = []
-    seconds: list[Point] = []
-    for reference in references:
-        known = [] if fresh else found
-        previous = known[-1] if known else None
-        earlier = known[-2] if len(known) > 1 else None
-        fit, spent = timed(fit_frame, reference, options, previous, earlier)
-        found.append(fit.lobes)
-        seconds.append(spent)
-    return found, seconds
-
-
-def refined(
-    references: Sequence[Tensor], found: Sequence[Lobes], seconds: Sequence[Point]
-) -> tuple[list[Lobes], list[Point]]:
-    """Refine a shot as `asglight fit` does; its seconds count evenly on every frame."""
-    clock, size = Clock(), whole_shot.CHUNK
-    shot, frames = stack(list(found)), [first_frame.exposed(radiance) for radiance in references]
-    chunks = [frames[at : at + size] for at in range(0, len(frames), size)]
-    with one_thread():
-        parts = [part for _, part, _ in whole_shot.refine_shot(shot, chunks)]
-    whole = clock.seconds()
-    total = [{name: s + whole[name] / len(frames) for name, s in one.items()} for one in seconds]
-    return [part[index] for part in parts for index in range(len(part.axes))], total
-
-
 def _account(
     references: Sequence[Tensor],
     found: Sequence[Lobes],
@@ -148,35 +106,3 @@ def _account(
         "flicker_first": of_first.mean.get("flicker", 0.0),
         "jumps": jumps(found),
     }
-
-
-def matched(found: Sequence[Lobes]) -> list[Lobes]:
-    """Reorder the lobes of each frame so that they turn least, the bright ones before all.
-
-    The order of lobes that were fitted independently means nothing: only the best match between
-    neighbouring frames can be called a motion.
-    """
-    result = list(found[:1])
-    for lobes in found[1:]:
-        before, share = _shares(result[-1]), _shares(lobes)
-        turned = torch.acos((result[-1].axis_z @ lobes.axis_z.mT).clamp(-1, 1))  # [N, N]
-        cost = turned * torch.maximum(before[:, None], share[None, :])
-        _, order = linear_sum_assignment(cost.numpy())
-        result.append(lobes.select(torch.from_numpy(order)))
-    return result
-
-
-def jumps(found: Sequence[Lobes]) -> int:
-    """Count how often a lobe turns by more than 10 degrees while it holds over 1 % of the flux."""
-    count = 0
-    for before, lobes in itertools.pairwise(found):
-        turned = (before.axis_z * lobes.axis_z).sum(-1) < math.cos(math.radians(JUMP_DEG))
-        lit = torch.maximum(_shares(before), _shares(lobes)) > JUMP_SHARE
-        count += int((turned & lit).sum())
-    return count
-
-
-def _shares(lobes: Lobes) -> Tensor:
-    """Return each lobe's share of the flux, RGB summed; zeros where all is dark.  [N]."""
-    flux = asg.flux(lobes).sum(-1)
-    return flux / flux.sum().clamp(min=torch.finfo(flux.dtype).tiny)

@@ -10,12 +10,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fit_measures import timed
-
 from asglight.cli.progress import Reporter
 from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import open_sequence, write_exr
 from asglight.images import sequence as image_sequence
+from asglight.judging.clock import timed
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import LobeTracks
 from asglight.shots import fit_sequence

@@ -5,13 +5,11 @@ No time includes decoding, recording or judging. Results are plain dictionaries,
 them. Seconds are wall seconds, and CPU seconds of the whole process, all threads together.
 """
 
-import contextlib
 import statistics
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import numpy as np
 from torch import Tensor
@@ -23,6 +21,7 @@ from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
 from asglight.fitting.sequence import fit_frame, one_thread
 from asglight.images import read_latlong
 from asglight.images.message import shown
+from asglight.judging.clock import Clock, Point, timed
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes
 from asglight.peers import vmf_em
@@ -49,41 +48,6 @@ RACED = ("loss", "irr", "r0.25")
 
 CURVE_POINTS = 60
 """Points of the paper's curve, even in the logarithm of the step."""
-
-_P = ParamSpec("_P")
-_T = TypeVar("_T")
-Point = dict[str, float]
-
-
-class Clock:
-    """Wall and CPU seconds since it was made, less the pauses."""
-
-    def __init__(self) -> None:
-        """Start."""
-        self._start = self._now()
-
-    def seconds(self, at: np.ndarray | None = None) -> Point:
-        """Return the seconds by name, now or at a time that was taken."""
-        wall, cpu = ((self._now() if at is None else at) - self._start).tolist()
-        return {"wall_seconds": wall, "cpu_seconds": cpu}
-
-    @contextlib.contextmanager
-    def paused(self) -> Iterator[Point]:
-        """Stand still at the seconds that are handed out."""
-        stopped = self._now()
-        yield self.seconds(stopped)
-        self._start += self._now() - stopped
-
-    @staticmethod
-    def _now() -> np.ndarray:
-        return np.array([time.perf_counter(), time.process_time()])
-
-
-def timed(call: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> tuple[_T, Point]:
-    """Return what a call returns, and its seconds."""
-    clock = Clock()
-    result = call(*args, **kwargs)
-    return result, clock.seconds()
 
 
 def read_map(path: Path) -> Tensor:

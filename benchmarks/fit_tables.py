@@ -10,6 +10,7 @@ import fit_measures
 
 from asglight.cli.printing import duration
 from asglight.fitting import paper
+from asglight.judging.following import JUMP_DEG, JUMP_SHARE
 
 DIGITS = {"env": 3, "irr": 4, "irrMax": 4, "r0.5": 4, "r0.25": 3, "flux": 5}
 """Decimals of each metric: three figures of what a good fit leaves."""
@@ -153,8 +154,8 @@ def following_table(sequences: dict[str, Any]) -> str:
     ]
     note = (
         f"Errors are means over every {fit_following.AVERAGED_EVERY}th frame. A jump: a lobe with "
-        f"over {fit_following.JUMP_SHARE:.0%} of the flux turns by more than "
-        f"{fit_following.JUMP_DEG:g} degrees between neighbouring frames. `independent` fits each "
+        f"over {JUMP_SHARE:.0%} of the flux turns by more than "
+        f"{JUMP_DEG:g} degrees between neighbouring frames. `independent` fits each "
         "frame from nothing (fast); its lobes are matched to the frame before. `paper` takes "
         f"{first:,} steps of its recipe for the first frame and {following:,} for each next one. "
         "Reading is not in the seconds of the fits."
