@@ -61,24 +61,47 @@ def map_errors(fit: Tensor, reference: Tensor) -> FrameErrors:
 
     A black reference has no scale: its errors are 0 for a black fit and infinite otherwise.
     """
+    return maps_errors(fit[None], reference)[0]
+
+
+def maps_errors(fits: Tensor, reference: Tensor) -> list[FrameErrors]:
+    """Judge several maps against one reference: the kernels, which cost most, are computed once.
+
+    Args:
+        fits: Reconstructed maps.  [K, H, W, 3]
+        reference: Repaired radiance.  [H, W, 3]
+    """
     height, width, _ = reference.shape
     solid_angle = latlong.texel_solid_angles(height, width, dtype=torch.float64)[..., None]
     reference_flux = (solid_angle * reference).sum()
-    values = {
-        "env": _ratio((solid_angle * (fit - reference).abs()).sum(), reference_flux),
-        "flux": _ratio(((solid_angle * fit).sum() - reference_flux).abs(), reference_flux),
-    }
-    directions = fibonacci_directions(DIRECTION_COUNT, dtype=fit.dtype)
-    both = torch.stack([fit, reference])
-    irradiance = kernels.filtered(both, kernels.LAMBERT, directions).double()
-    difference = (irradiance[0] - irradiance[1]).abs()  # [P, 3]
-    values["irr"] = _ratio(difference.sum(), irradiance[1].sum())
-    values["irrMax"] = _ratio(difference.max(), irradiance[1].mean())
-    rough = kernels.filtered(both, 0.5, directions).double()
-    values["r0.5"] = _ratio((rough[0] - rough[1]).abs().sum(), rough[1].sum())
-    glossy = kernels.filtered(both, 0.25, directions).double()
-    values["r0.25"] = _ratio((glossy[0] - glossy[1]).abs().sum(), glossy[1].sum())
-    return FrameErrors(values, glossy[0], glossy[1])
+    directions = fibonacci_directions(DIRECTION_COUNT, dtype=fits.dtype)
+    every = torch.cat([reference[None], fits])
+    irradiance, rough, glossy = (
+        kernels.filtered(every, kernel, directions) for kernel in (kernels.LAMBERT, 0.5, 0.25)
+    )
+    return [
+        FrameErrors(
+            {
+                "env": _ratio((solid_angle * (fit - reference).abs()).sum(), reference_flux),
+                "flux": _ratio(((solid_angle * fit).sum() - reference_flux).abs(), reference_flux),
+                **_lambert_errors(irradiance[k].double(), irradiance[0].double()),
+                "r0.5": _relative(rough[k].double(), rough[0].double()),
+                "r0.25": _relative(glossy[k].double(), glossy[0].double()),
+            },
+            glossy[k].double(),
+            glossy[0].double(),
+        )
+        for k, fit in enumerate(fits, start=1)
+    ]
+
+
+def _lambert_errors(fit: Tensor, reference: Tensor) -> dict[str, float]:
+    worst = (fit - reference).abs().max()
+    return {"irr": _relative(fit, reference), "irrMax": _ratio(worst, reference.mean())}
+
+
+def _relative(fit: Tensor, reference: Tensor) -> float:
+    return _ratio((fit - reference).abs().sum(), reference.sum())
 
 
 @dataclass(frozen=True)

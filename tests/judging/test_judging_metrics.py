@@ -220,3 +220,15 @@ def test_flicker_of_a_black_sequence_is_nothing_or_infinite() -> None:
     fits = _maps(2, 24)
     moving = metrics.sequence_errors([(i, _judge(fit, black)) for i, fit in enumerate(fits)])
     assert moving.mean["flicker"] == math.inf
+
+
+def test_maps_judged_together_get_the_errors_that_each_gets_alone() -> None:
+    torch.manual_seed(3)
+    reference = torch.rand(8, 16, 3, dtype=torch.float64)
+    fits = torch.rand(3, 8, 16, 3, dtype=torch.float64)
+    together = metrics.maps_errors(fits, reference)
+    for fit, found in zip(fits, together, strict=True):
+        alone = metrics.map_errors(fit, reference)
+        # sums of a wider matrix product may run in another order
+        assert found.values == pytest.approx(alone.values, rel=1e-12)
+        torch.testing.assert_close(found.fit_filtered, alone.fit_filtered)
