@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import ScaledTranslation
 
-from asglight.judging.layout import BACKGROUND, FAINT, TEXT, save, sheet
+from asglight.judging.charts import panel_grid, plain_numbers
+from asglight.judging.layout import FAINT, LINE, TEXT, save, sheet
 
 LOOKS = {
     "em": ("#9a9b9d", "D"),
@@ -44,7 +43,6 @@ METRIC_TITLES = {
     "r0.25": "r0.25: glossy ball",
 }
 LOSS_TITLES = {"loss": "the paper's own loss", **METRIC_TITLES}
-LINE = "#3a3b3e"
 
 
 def draw_accuracy(path: Path, result: dict[str, Any]) -> None:
@@ -63,7 +61,7 @@ def draw_accuracy(path: Path, result: dict[str, Any]) -> None:
         f"Error of the presets over the error of EM, {result['lobes']} lobes each",
         "left of 1 is better than EM; dashed: the target of that preset",
     )
-    panels = _panels(figure, 1, len(METRIC_TITLES) + 1, (120, 30, top, bottom), gap=0.07)[0]
+    panels = panel_grid(figure, 1, len(METRIC_TITLES) + 1, (120, 30, top, bottom), gap=0.07)[0]
     for axes, (key, title) in zip(panels, METRIC_TITLES.items(), strict=False):
         axes.set_title(title, fontsize=13, color=TEXT, pad=10)
         axes.axvline(1, color=LOOKS["em"][0], linewidth=1.5)
@@ -80,7 +78,7 @@ def draw_accuracy(path: Path, result: dict[str, Any]) -> None:
         axes.set_yticks(range(len(rows)), labels=rows if index == 0 else [])
         axes.axhline(len(maps) - 0.5, color=LINE, linewidth=1)
         axes.set_xlabel("seconds" if axes is panels[-1] else "ratio to EM", color=FAINT)
-        _plain_numbers(axes.xaxis)
+        plain_numbers(axes.xaxis)
     missing = Line2D([], [], color=TEXT, marker="X", linestyle="", label="misses its target")
     _legend(figure, ["em", *presets], result, [missing])
     save(figure, path)
@@ -122,7 +120,7 @@ def draw_curves(path: Path, result: dict[str, Any]) -> None:
         "Error against time, first frame",
         f"arrows: time to the last error of the paper's recipe, after {steps:,} Adam steps",
     )
-    grid = _panels(figure, len(curves), 3, (120, 30, top, bottom), gap=0.14)
+    grid = panel_grid(figure, len(curves), 3, (120, 30, top, bottom), gap=0.14)
     for panels, (name, curve) in zip(grid, curves.items(), strict=True):
         for axes, key in zip(panels, ("loss", "irr", "r0.25"), strict=True):
             axes.set_title(f"{name}, {LOSS_TITLES[key]}", fontsize=13, color=TEXT, pad=10)
@@ -133,8 +131,8 @@ def draw_curves(path: Path, result: dict[str, Any]) -> None:
             for place, (preset, races) in enumerate(curve["races"].items()):
                 _race(axes, place, preset, races[key])
             axes.set_xlabel("wall seconds", color=FAINT)
-            _plain_numbers(axes.xaxis)
-            _plain_numbers(axes.yaxis)
+            plain_numbers(axes.xaxis)
+            plain_numbers(axes.yaxis)
         panels[0].set_ylabel("relative error", color=FAINT)
     _legend(figure, next(iter(curves.values()))["points"], result)
     save(figure, path)
@@ -193,7 +191,7 @@ def draw_following(path: Path, result: dict[str, Any]) -> None:
         "Following a sequence",
         "independent: every frame fitted from nothing, lobes matched to the frame before",
     )
-    grid = _panels(figure, 2, len(sequences), (120, 30, 176, 200), gap=0.1)
+    grid = panel_grid(figure, 2, len(sequences), (120, 30, 176, 200), gap=0.1)
     for column, (name, account) in enumerate(sequences.items()):
         error, seconds = grid[0][column], grid[1][column]
         size = f"{account['columns']} x {account['rows']}"
@@ -214,7 +212,7 @@ def draw_following(path: Path, result: dict[str, Any]) -> None:
             )
         for axes in (error, seconds):
             axes.set_yscale("log")
-            _plain_numbers(axes.yaxis)
+            plain_numbers(axes.yaxis)
         seconds.set_xlabel("frame", color=FAINT)
     grid[0][0].set_ylabel("r0.25: error of a glossy ball", color=FAINT)
     grid[1][0].set_ylabel("wall seconds of a frame", color=FAINT)
@@ -227,56 +225,6 @@ def _summary(method: str, found: dict[str, Any]) -> str:
     mean = sum(following) / len(following)
     jumps = "1 jump" if found["jumps"] == 1 else f"{found['jumps']} jumps"
     return f"{method}: {mean:.2f} s a next frame, flicker {found['flicker']:.3f}, {jumps}"
-
-
-def _panels(
-    figure: Figure, rows: int, columns: int, margins: tuple[int, int, int, int], gap: float
-) -> list[list[Axes]]:
-    """Return a grid of dark panels.
-
-    Args:
-        figure: Where.
-        rows: Down.
-        columns: Across.
-        margins: Left, right, top, bottom in pixels.
-        gap: Between columns, over the width of one.
-    """
-    width, height = (figure.get_size_inches() * figure.dpi).tolist()
-    left, right, top, bottom = margins
-    grid = figure.add_gridspec(
-        rows,
-        columns,
-        left=left / width,
-        right=1 - right / width,
-        top=1 - top / height,
-        bottom=bottom / height,
-        wspace=gap,
-        hspace=0.3,
-    )
-    panels = [
-        [figure.add_subplot(grid[row, column]) for column in range(columns)] for row in range(rows)
-    ]
-    for axes in (axes for row in panels for axes in row):
-        axes.set_facecolor(BACKGROUND)
-        axes.grid(color=LINE, linewidth=0.8)
-        axes.set_axisbelow(True)
-        axes.tick_params(colors=TEXT, which="both", length=0, labelsize=11)
-        for spine in axes.spines.values():
-            spine.set_color(LINE)
-    return panels
-
-
-def _plain_numbers(axis: Axis) -> None:
-    """Label a logarithmic axis with few plain numbers, such as 0.1, 0.2, 0.5, 1."""
-    low, high = sorted(axis.get_view_interval())
-    for span, digits in ((40, (1, 2, 5)), (400, (1, 3)), (math.inf, (1,))):
-        if high / low < span:
-            axis.set_major_locator(LogLocator(subs=digits, numticks=20))
-            break
-    if high / low < 4:  # too short for the digits of a logarithmic scale
-        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_locator(NullLocator())
 
 
 def _legend(

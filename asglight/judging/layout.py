@@ -1,21 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sheets of pictures laid out by the pixel: dark neutral ground, titles, captions, saving."""
 
-import os
-import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from asglight.errors import InputError
+from asglight.images.output import written_beside
 
 DPI = 100
-BACKGROUND, TEXT, FAINT = "#1d1e20", "#e4e4e2", "#9a9b9d"
+BACKGROUND, TEXT, FAINT, LINE = "#1d1e20", "#e4e4e2", "#9a9b9d", "#3a3b3e"
 
 
-def sheet(width: int, height: int, title: str, note: str) -> Figure:
+@dataclass(frozen=True)
+class Theme:
+    """Colours of a sheet.
+
+    Attributes:
+        background: The ground.
+        text: Words.
+        faint: Words of less weight.
+        line: Frames and grids.
+    """
+
+    background: str = BACKGROUND
+    text: str = TEXT
+    faint: str = FAINT
+    line: str = LINE
+
+
+DARK = Theme()
+
+
+def sheet(width: int, height: int, title: str, note: str, theme: Theme = DARK) -> Figure:
     """Return an empty sheet with a heading, drawn by Agg and unknown to pyplot.
 
     Args:
@@ -23,12 +42,15 @@ def sheet(width: int, height: int, title: str, note: str) -> Figure:
         height: Pixels.
         title: Heading, left.
         note: What holds for the whole sheet, right.
+        theme: Colours.
     """
-    figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI, facecolor=BACKGROUND)
+    figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI, facecolor=theme.background)
     FigureCanvasAgg(figure)
     baseline = 1 - 44 / height
-    figure.text(24 / width, baseline, title, fontsize=18, color=TEXT, va="baseline")
-    figure.text(1 - 24 / width, baseline, note, fontsize=12, color=FAINT, va="baseline", ha="right")
+    figure.text(24 / width, baseline, title, fontsize=18, color=theme.text, va="baseline")
+    figure.text(
+        1 - 24 / width, baseline, note, fontsize=12, color=theme.faint, va="baseline", ha="right"
+    )
     return figure
 
 
@@ -38,19 +60,8 @@ def save(figure: Figure, path: Path) -> None:
     Raises:
         InputError: The folder is missing or cannot be written.
     """
-    handle, temporary = -1, ""
-    try:
-        handle, temporary = tempfile.mkstemp(suffix=".png", dir=path.parent)
-        os.close(handle)
-        figure.savefig(temporary, dpi=DPI, facecolor=BACKGROUND)
-        os.chmod(temporary, 0o644)  # mkstemp makes files that only the owner can read
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
-        raise InputError(
-            f"{path}: {error.strerror}; expected a folder that can be written."
-        ) from error
+    with written_beside(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=DPI)
 
 
 class Grid:
