@@ -4,6 +4,7 @@
 0    done
 1    a bug: traceback, and a request to report it
 2    the input, an option or the disk is at fault: one line
+3    done, and worse than the baseline that was asked for (`bench`)
 130  interrupted (128 + SIGINT), 141 standard output was closed early (128 + SIGPIPE)
 """
 
@@ -28,6 +29,7 @@ COMMANDS = {
     "export": "write a stage's lobes for real-time engines: JSON or GLSL",
     "view": "show lobes and images in a window, or write a picture of them",
     "compare": "set every method side by side on the same map and budget",
+    "bench": "measure error against run time, for every preset and beside other methods",
     "demo": "fit the built-in moving environment and draw what came out",
 }
 _MODULES = {name: f"asglight.cli.{name}" for name in COMMANDS} | {"eval": "asglight.cli.evaluate"}

@@ -96,7 +96,7 @@ def label_points(
     for name, point, (x, y) in zip(names, points, pixels, strict=True):
         wide, high = LETTER_WIDTH * len(name), LETTER_HEIGHT
         offsets = [
-            (dx * (wide / 2 + 9), dy * (high / 2 + 7))
+            (dx * (wide / 2 + 12), dy * (high / 2 + 8))
             for reach in (1, 2, 3)
             for dx, dy in ((1, 0), (-1, 0), (0, reach), (0, -reach), (1, reach), (1, -reach))
         ]
@@ -121,6 +121,8 @@ def label_points(
             fontsize=12,
             ha="center",
             va="center",
+            bbox={"facecolor": axes.get_facecolor(), "edgecolor": "none", "pad": 1},
+            zorder=2.5,  # above grids and the front, under what is measured
         )
 
 

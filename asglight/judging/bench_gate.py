@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run of the bench held against an earlier one: what got worse by more than chance.
+
+A baseline holds numbers by name for each input. Errors are compared by ratio. Times are compared
+only as ratios to a peer that was timed in the same run (`fast` to EM), so that a baseline of one
+machine serves on another; no second is ever compared with a second of another run.
+"""
+
+import json
+import statistics
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from asglight.errors import InputError
+from asglight.images.message import listing, shown
+from asglight.judging.metrics import METRIC_NAMES
+
+TAG, FORMAT = "asglight_bench_baseline", 1
+
+OURS = ("fast", "best")
+
+ERROR_RATIO_MAX, ERROR_FLOOR = 1.1, 1e-4
+"""An error may grow by a tenth: on another processor sums round differently, and a fit takes other
+steps. Nobody sees an error below the floor, whatever its ratio to another one."""
+
+TIME_RATIO_MAX = 1.5
+"""Seconds of two methods that take turns: a shared machine moves their ratio by a fifth or so."""
+
+LIGHT_TOLERANCE = 0.01
+"""Relative. Two maps of one name whose mean radiance differs by more are not the same map."""
+
+
+@dataclass(frozen=True)
+class Worse:
+    """A number that is worse than the baseline's.
+
+    Attributes:
+        input: Name of the input.
+        metric: Name of the number, such as `fast, 15 lobes, irr`.
+        before: The baseline's.
+        now: This run's.
+        ratio_max: What was allowed.
+    """
+
+    input: str
+    metric: str
+    before: float
+    now: float
+    ratio_max: float
+
+
+def baseline(document: dict[str, Any]) -> dict[str, Any]:
+    """Return what a later run is held against.
+
+    Args:
+        document: A whole run, as in bench.json.
+    """
+    return {
+        TAG: FORMAT,
+        **{key: document[key] for key in ("effort", "lobes", "paper_steps")},
+        "inputs": {record["name"]: _described(record) for record in document["inputs"]},
+    }
+
+
+def read_baseline(path: Path) -> dict[str, Any]:
+    """Read a baseline.
+
+    Raises:
+        InputError: It cannot be read, or is none.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{shown(path)}: {error.strerror}; expected a baseline. Write one with --baseline."
+        ) from error
+    except ValueError as error:
+        raise InputError(
+            f"{shown(path)}: is no JSON; expected a baseline that --baseline wrote."
+        ) from error
+    if not isinstance(found, dict) or found.get(TAG) != FORMAT:
+        raise InputError(
+            f"{shown(path)}: is no baseline of this version; expected one that --baseline wrote."
+        )
+    return found
+
+
+def check_asked(before: dict[str, Any], path: Path, asked: dict[str, Any]) -> None:
+    """Refuse a baseline of another effort before any time is spent.
+
+    Args:
+        before: The baseline.
+        path: Its file.
+        asked: Effort, lobes and steps of this run.
+
+    Raises:
+        InputError: Something differs.
+    """
+    for key, wanted in asked.items():
+        if before.get(key) != wanted:
+            raise InputError(
+                f"{shown(path)}: was written with {key} {shown(str(before.get(key)))}, this run "
+                f"has {wanted}; expected the same. Change the options or write it anew."
+            )
+
+
+def compared(before: dict[str, Any], path: Path, document: dict[str, Any]) -> list[Worse]:
+    """Return what is worse than the baseline.
+
+    Args:
+        before: The baseline.
+        path: Its file, for messages.
+        document: This run.
+
+    Raises:
+        InputError: An input or a number is missing on either side, or a map is another one.
+    """
+    found: list[Worse] = []
+    for record in document["inputs"]:
+        name = record["name"]
+        known = before["inputs"].get(name)
+        if known is None:
+            raise InputError(
+                f"{shown(path)}: has no input {shown(name)}; expected one of "
+                f"{listing(before['inputs'])}. Leave the input out or write the baseline anew."
+            )
+        _check_same_map(known, _described(record), f"{shown(path)}: {shown(name)}")
+        now = numbers(record)
+        lacking = [key for key in known["numbers"] if key not in now]
+        if lacking:
+            raise InputError(
+                f"{shown(path)}: {shown(name)} has {listing(lacking)}, this run has not; expected "
+                "the same numbers. Write the baseline anew."
+            )
+        for key, old in known["numbers"].items():
+            worse = _held(key, float(old), now[key])
+            if worse is not None:
+                found.append(Worse(name, key, *worse))
+    return found
+
+
+def numbers(record: dict[str, Any]) -> dict[str, float]:
+    """Return the numbers of an input that must not get worse, by name; less is better in all.
+
+    Args:
+        record: As in bench.json.
+    """
+    result: dict[str, float] = {}
+    for fit in record["fits"]:
+        if fit["method"] in OURS:
+            for metric in METRIC_NAMES:
+                name = f"{fit['method']}, {_counted(fit['lobes'])}, {metric}"
+                result[name] = fit["points"][-1][metric]
+    fast, em = (statistics.median(record["races"][name]) for name in ("fast", "em"))
+    result["fast, time over em"] = fast / em
+    sequence = record.get("sequence", {"methods": {}})["methods"]
+    for name in ("live", *OURS):
+        if name in sequence:
+            found = sequence[name]
+            for metric, value in found["mean"].items():
+                result[f"{name}, sequence, {metric}"] = value
+            em_seconds = sequence["em"]["next_cpu_seconds"]
+            result[f"{name}, sequence, time over em"] = found["next_cpu_seconds"] / em_seconds
+    return result
+
+
+def _described(record: dict[str, Any]) -> dict[str, Any]:
+    own = {key: record[key] for key in ("rows", "columns", "mean_radiance")}
+    return own | {"frames": len(record["frames"]), "numbers": numbers(record)}
+
+
+def _check_same_map(before: dict[str, Any], now: dict[str, Any], where: str) -> None:
+    for key in ("rows", "columns", "frames"):
+        if before[key] != now[key]:
+            raise InputError(
+                f"{where} had {before[key]} {key}, this run has {now[key]}; expected the same "
+                "input. Write the baseline anew."
+            )
+    old, new = before["mean_radiance"], now["mean_radiance"]
+    if abs(new / old - 1) > LIGHT_TOLERANCE:
+        raise InputError(
+            f"{where} had a mean radiance of {old:.4g}, this run has {new:.4g}; expected the same "
+            "map. Write the baseline anew."
+        )
+
+
+def _held(name: str, before: float, now: float) -> tuple[float, float, float] | None:
+    """Return both numbers and the allowed ratio where it is exceeded."""
+    is_time = name.endswith("time over em")
+    ratio_max, floor = (TIME_RATIO_MAX, 0.0) if is_time else (ERROR_RATIO_MAX, ERROR_FLOOR)
+    if now <= ratio_max * max(before, floor):
+        return None
+    return before, now, ratio_max
+
+
+def _counted(lobes: int) -> str:
+    return "1 lobe" if lobes == 1 else f"{lobes} lobes"
