@@ -29,7 +29,7 @@ COMMANDS = {
     "export": "write a stage's lobes for real-time engines: JSON or GLSL",
     "view": "show lobes and images in a window, or write a picture of them",
     "compare": "set every method side by side on the same map and budget",
-    "bench": "measure error against run time, for every preset and beside other methods",
+    "bench": "measure error against run time, and time against size",
     "demo": "fit the built-in moving environment and draw what came out",
 }
 _MODULES = {name: f"asglight.cli.{name}" for name in COMMANDS} | {"eval": "asglight.cli.evaluate"}

@@ -89,11 +89,11 @@ def draw_lobes(record: dict[str, Any], theme: Theme = DARK) -> Figure:
     for axes, (key, title) in zip(_four(figure, theme), METRIC_TITLES.items(), strict=True):
         _title(axes, title, theme)
         for name in swept:
-            points = [(fit["lobes"], point[key]) for fit, point in _at_like_steps(record, name)]
+            points = [(fit["lobes"], point[key]) for fit, point in at_like_steps(record, name)]
             _line(axes, name, points, theme)
         _finish(axes, "lobes (8 floats each)", "relative error", theme)
     _legend(figure, swept, theme)
-    steps = {point["steps"] for _, point in _at_like_steps(record, "paper")}
+    steps = {point["steps"] for _, point in at_like_steps(record, "paper")}
     _foot(figure, "; ".join(f"paper: {count:,} steps" for count in steps), theme)
     return figure
 
@@ -192,7 +192,7 @@ def _of(record: dict[str, Any], method: str) -> list[dict[str, Any]]:
     return [fit for fit in record["fits"] if fit["method"] == method]
 
 
-def _at_like_steps(
+def at_like_steps(
     record: dict[str, Any], method: str
 ) -> list[tuple[dict[str, Any], dict[str, float]]]:
     """Return a method's fits by lobes and their ends; of the paper, what as many steps come to."""

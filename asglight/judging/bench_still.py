@@ -84,6 +84,8 @@ def runs(reference: Tensor, plan: Plan, follow: Follow) -> list[Run]:
         counts = plan.counts[name]
         for count in follow(counts, f"fitting {name}, lobes {_listed(counts)}", len(counts)):
             done.append(preset_run(reference, name, count, plan.checkpoints))
+    # unmeasured: torch loads parts of itself at the first step
+    fit_frame(reference, FitOptions(1, Preset.PAPER, paper_steps=(1, 1)), None)
     for count in plan.counts["paper"]:
         done.append(paper_run(reference, count, plan.paper_ladder(count), follow))
     counts = plan.counts["em"]
