@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 
-.PHONY: help setup setup-dcc demo pictures bench-fit test test-fast test-usd test-dcc test-dcc-short \
+.PHONY: help setup setup-dcc demo pictures bench bench-fit test test-fast test-usd test-dcc test-dcc-short \
   dcc-picture lint format clean
 
 help:            ## list the targets
@@ -31,6 +31,10 @@ pictures: setup  ## the viewer on SEQUENCES, as the README shows it (docs/images
 	  $(BIN)/asglight view pictures/$$name.usda --reference "$(SEQUENCES)/$$name" \
 	    --frame 1012 --screenshot docs/images/viewer-$$name.png || exit; \
 	done
+
+bench: setup     ## error against run time, in two minutes each, held against the baseline (bench-output/)
+	$(BIN)/asglight bench "$(MAPS)/lobby.exr" "$(SEQUENCES)/tunnel" --quick -o bench-output \
+	  --gate benchmarks/bench-baseline.json
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
 	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
@@ -68,4 +72,4 @@ format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) .venv-dcc demo-output dcc-output pictures bench-fit test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-dcc demo-output dcc-output pictures bench-output bench-fit test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis

@@ -3,6 +3,7 @@
 
 import argparse
 import json
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,7 +70,10 @@ def run(arguments: argparse.Namespace) -> int:
     with reporter() as report:
         inputs = [opened(path, arguments, plan, report) for path in arguments.input]
         check_names([given.name for given in inputs])
-        document = measure(inputs, plan, folder, report)
+        if before is not None:
+            facts = {given.name: bench_gate.described(given.facts()) for given in inputs}
+            bench_gate.check_inputs(before, Path(arguments.gate), facts)
+        document = measure(inputs, plan, folder, report, command_of(arguments))
     if arguments.baseline is not None:
         write_json(Path(arguments.baseline), bench_gate.baseline(document))
     worse = None
@@ -95,6 +99,17 @@ def plan_for(arguments: argparse.Namespace) -> Plan:
         raise InputError(f"paper-steps: {arguments.paper_steps}; expected 1 or more.")
     effort = Effort.QUICK if arguments.quick else Effort.FULL if arguments.full else Effort.DEFAULT
     return plan_of(effort, arguments.lobes, arguments.paper_steps)
+
+
+def command_of(arguments: argparse.Namespace) -> str:
+    """Return the command that makes the same page: its inputs and what changes the numbers."""
+    words = ["asglight", "bench", *arguments.input]
+    words += [f"--{name}" for name in ("quick", "full") if getattr(arguments, name)]
+    words += ["--lobes", str(arguments.lobes)] if arguments.lobes != LOBES else []
+    for name in ("paper_steps", "frames", "layer"):
+        value = getattr(arguments, name)
+        words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
+    return shlex.join(words)
 
 
 def gate_for(path: str | None, plan: Plan) -> dict[str, Any] | None:
@@ -151,7 +166,7 @@ def check_names(names: Sequence[str]) -> None:
 
 
 def measure(
-    inputs: Sequence["Input"], plan: Plan, folder: Path, report: Reporter
+    inputs: Sequence["Input"], plan: Plan, folder: Path, report: Reporter, command: str
 ) -> dict[str, Any]:
     """Measure one input after the other, writing after each what is there."""
     from asglight.judging import bench
@@ -160,7 +175,7 @@ def measure(
     document: dict[str, Any] = {}
     for given in inputs:
         records.append(bench.measured(given, plan, report.follow))
-        document = bench.document(plan, records)
+        document = bench.document(plan, records, command)
         write(folder, document, report)
     return document
 

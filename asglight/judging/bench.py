@@ -38,12 +38,25 @@ class Input:
     references: Sequence[Tensor] = field(repr=False)
     source: Tensor = field(repr=False)
 
+    def facts(self) -> dict[str, Any]:
+        """Return what describes the input, as bench.json holds it."""
+        rows, columns, _ = self.references[0].shape
+        return {
+            "name": self.name,
+            "path": self.path,
+            "frames": list(self.frames),
+            "rows": rows,
+            "columns": columns,
+            "mean_radiance": float(self.references[0].double().mean()),
+        }
 
-def document(plan: Plan, inputs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+
+def document(plan: Plan, inputs: Sequence[dict[str, Any]], command: str) -> dict[str, Any]:
     """Return the whole of a run: what was asked for, where, and the record of each input."""
     return {
         "asglight_bench": FORMAT,
         "version": __version__,
+        "command": command,
         "effort": plan.effort.value,
         "lobes": plan.lobes,
         "paper_steps": plan.paper_steps,
@@ -61,15 +74,9 @@ def measured(given: Input, plan: Plan, follow: Follow) -> dict[str, Any]:
         follow: Shows how far this is.
     """
     reference = given.references[0]
-    rows, columns, _ = reference.shape
     done = bench_still.runs(reference, plan, follow)
     record: dict[str, Any] = {
-        "name": given.name,
-        "path": given.path,
-        "frames": list(given.frames),
-        "rows": rows,
-        "columns": columns,
-        "mean_radiance": float(reference.double().mean()),
+        **given.facts(),
         "lobes": plan.lobes,
         "fits": bench_still.judged(done, reference, follow),
         "races": bench_still.races(reference, plan, follow),

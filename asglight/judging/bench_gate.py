@@ -8,6 +8,7 @@ machine serves on another; no second is ever compared with a second of another r
 
 import json
 import statistics
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -59,7 +60,10 @@ def baseline(document: dict[str, Any]) -> dict[str, Any]:
     return {
         TAG: FORMAT,
         **{key: document[key] for key in ("effort", "lobes", "paper_steps")},
-        "inputs": {record["name"]: _described(record) for record in document["inputs"]},
+        "inputs": {
+            record["name"]: described(record) | {"numbers": numbers(record)}
+            for record in document["inputs"]
+        },
     }
 
 
@@ -105,35 +109,51 @@ def check_asked(before: dict[str, Any], path: Path, asked: dict[str, Any]) -> No
             )
 
 
-def compared(before: dict[str, Any], path: Path, document: dict[str, Any]) -> list[Worse]:
-    """Return what is worse than the baseline.
+def check_inputs(
+    before: dict[str, Any], path: Path, inputs: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """Refuse inputs that a baseline does not know, before any time is spent.
 
     Args:
         before: The baseline.
-        path: Its file, for messages.
-        document: This run.
+        path: Its file.
+        inputs: What describes each input, by name: rows, columns, frames, mean radiance.
 
     Raises:
-        InputError: An input or a number is missing on either side, or a map is another one.
+        InputError: An input is missing there, or is another one.
     """
-    found: list[Worse] = []
-    for record in document["inputs"]:
-        name = record["name"]
+    for name, now in inputs.items():
         known = before["inputs"].get(name)
         if known is None:
             raise InputError(
                 f"{shown(path)}: has no input {shown(name)}; expected one of "
                 f"{listing(before['inputs'])}. Leave the input out or write the baseline anew."
             )
-        _check_same_map(known, _described(record), f"{shown(path)}: {shown(name)}")
-        now = numbers(record)
-        lacking = [key for key in known["numbers"] if key not in now]
+        _check_same_map(known, now, f"{shown(path)}: {shown(name)}")
+
+
+def compared(before: dict[str, Any], path: Path, document: dict[str, Any]) -> list[Worse]:
+    """Return what is worse than the baseline.
+
+    Args:
+        before: The baseline; it knows the inputs.
+        path: Its file, for messages.
+        document: This run.
+
+    Raises:
+        InputError: The baseline has a number that this run has not.
+    """
+    found: list[Worse] = []
+    for record in document["inputs"]:
+        name, now = record["name"], numbers(record)
+        known = before["inputs"][name]["numbers"]
+        lacking = [key for key in known if key not in now]
         if lacking:
             raise InputError(
                 f"{shown(path)}: {shown(name)} has {listing(lacking)}, this run has not; expected "
                 "the same numbers. Write the baseline anew."
             )
-        for key, old in known["numbers"].items():
+        for key, old in known.items():
             worse = _held(key, float(old), now[key])
             if worse is not None:
                 found.append(Worse(name, key, *worse))
@@ -165,12 +185,17 @@ def numbers(record: dict[str, Any]) -> dict[str, float]:
     return result
 
 
-def _described(record: dict[str, Any]) -> dict[str, Any]:
+def described(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what tells an input from another one of its name.
+
+    Args:
+        record: With its rows, columns, mean radiance and frame numbers.
+    """
     own = {key: record[key] for key in ("rows", "columns", "mean_radiance")}
-    return own | {"frames": len(record["frames"]), "numbers": numbers(record)}
+    return own | {"frames": len(record["frames"])}
 
 
-def _check_same_map(before: dict[str, Any], now: dict[str, Any], where: str) -> None:
+def _check_same_map(before: Mapping[str, Any], now: Mapping[str, Any], where: str) -> None:
     for key in ("rows", "columns", "frames"):
         if before[key] != now[key]:
             raise InputError(

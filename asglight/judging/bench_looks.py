@@ -7,6 +7,7 @@ Okabe and Ito 2008, "Color universal design", which every kind of colour vision 
 
 import re
 from dataclasses import dataclass
+from html import escape
 from io import StringIO
 from typing import Any
 
@@ -65,7 +66,10 @@ PAGE_VARIABLES = {
 
 
 def svg(figure: Figure) -> str:
-    """Return a picture as an element for a page, text as text, colours as the page's variables."""
+    """Return a picture as an element for a page, text as text, colours as the page's variables.
+
+    Its heading is its name for those who have the page read to them.
+    """
     text = StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "asglight"}):
         unsaid = dict.fromkeys(("Creator", "Date", "Format", "Type"))
@@ -77,7 +81,8 @@ def svg(figure: Figure) -> str:
     element = re.sub(r' (width|height)="[\d.]+pt"', "", element, count=2)
     for colour, name in PAGE_VARIABLES.items():
         element = element.replace(colour, f"var(--{name})")
-    return element
+    heading = escape(figure.texts[0].get_text())
+    return element.replace("<svg", f'<svg role="img" aria-label="{heading}"', 1)
 
 
 def colour_of(name: str, theme: Theme) -> str:

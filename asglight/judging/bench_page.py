@@ -150,6 +150,7 @@ def _head(document: Mapping[str, Any]) -> str:
     )
     return (
         "<p>How wrong a fit is, and what it costs, for every preset and beside other methods.</p>"
+        f"<p><code>{escape(document['command'])}</code></p>"
         f"<p class='note'>{escape('; '.join(sizes))}.<br>{escape(where)}<br>"
         f"{escape(_left_out(document))}</p>"
     )

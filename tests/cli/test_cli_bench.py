@@ -19,8 +19,8 @@ ALL_PICTURES = bench_plots.pictures
 
 def record_of(given: bench.Input) -> dict[str, Any]:
     if len(given.frames) > 1:
-        return bench_records.sequence(given.name, given.frames)
-    return bench_records.still(given.name)
+        return bench_records.sequence(given.name, given.frames) | given.facts()
+    return bench_records.still(given.name) | given.facts()
 
 
 @pytest.fixture(autouse=True)
@@ -78,6 +78,7 @@ def test_page_json_and_pictures_are_written(
     whole = json.loads((folder / "bench.json").read_text())
     assert [record["name"] for record in whole["inputs"]] == ["lamp", "shot"]
     assert (whole["asglight_bench"], whole["effort"], whole["lobes"]) == (1, "quick", 15)
+    assert whole["command"] == f"asglight bench {still} {shot} --quick"
     out, err = capsys.readouterr()
     assert out.startswith("lamp, 120 floats\nmethod")
     assert "following 8 frames" in out
@@ -163,6 +164,10 @@ def test_a_gate_for_another_run_is_refused_before_any_work(
     )
     assert main([*words, "--gate", str(tmp_path / "none.json")]) == 2
     assert "none.json: No such file or directory; expected a baseline" in capsys.readouterr().err
+    still.rename(tmp_path / "other.exr")
+    words[1] = str(tmp_path / "other.exr")
+    assert main([*words, "--quick", "--gate", str(base)]) == 2
+    assert "base.json: has no input other; expected one of lamp" in capsys.readouterr().err
     assert measured == []
 
 

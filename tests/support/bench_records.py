@@ -93,6 +93,7 @@ def document(*records: dict[str, Any]) -> dict[str, Any]:
     return {
         "asglight_bench": 1,
         "version": "0",
+        "command": "asglight bench sky.exr",
         "effort": "quick",
         "lobes": 15,
         "paper_steps": 240,
