@@ -221,7 +221,7 @@ def print_summary(
     from asglight.judging.bench_page import ahead_on_the_map, ahead_on_the_sequence
 
     for record in document["inputs"]:
-        print(f"{record['name']}, {8 * record['lobes']} floats")
+        print(f"{record['name']}, {record['floats']} floats")
         print(fits_table(record))
         print(ahead_on_the_map(record))
         if "sequence" in record:

@@ -24,7 +24,10 @@ from asglight.shots.events import (
 )
 
 STEP_LINE_SECONDS = 30.0
-"""Between two lines about one slow frame: often enough to see that it lives, few in a log."""
+"""Between two lines about slow work: often enough to see that it lives, few in a log."""
+
+BARS_MAX = 8
+"""Bars of finished work on a terminal: with more, that of what runs would be below its last row."""
 
 _Item = TypeVar("_Item")
 
@@ -88,9 +91,12 @@ class Lines:
                 pass
 
     def follow(self, items: Iterable[_Item], label: str, count: int) -> Iterator[_Item]:
-        """Print one line at the start."""
+        """Print one line at the start, and for slow work one now and then."""
         self._print(f"{label} ({count})")
-        yield from items
+        for done, item in enumerate(items):
+            if done and time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
+                self._print(f"{label} {done}/{count}")
+            yield item
 
     def _print(self, line: str) -> None:
         print(line, file=sys.stderr, flush=True)
@@ -106,6 +112,7 @@ class Bar:
         self._fit: TaskID | None = None
         self._refine: TaskID | None = None
         self._preroll: TaskID | None = None
+        self._followed: list[TaskID] = []
 
     def __call__(self, event: Event) -> None:
         """Move the bar of the fit."""
@@ -149,6 +156,9 @@ class Bar:
         for item in items:
             yield item
             self._progress.advance(task)
+        self._followed.append(task)
+        for old in self._followed[:-BARS_MAX]:
+            self._progress.update(old, visible=False)
 
 
 def search_line(event: Searched) -> str:

@@ -78,6 +78,7 @@ def measured(given: Input, plan: Plan, follow: Follow) -> dict[str, Any]:
     record: dict[str, Any] = {
         **given.facts(),
         "lobes": plan.lobes,
+        "floats": plan.floats,
         "fits": bench_still.judged(done, reference, follow),
         "races": bench_still.races(reference, plan, follow),
         "scaling": bench_scaling.measured(given.source, given.references, done, plan, follow),

@@ -7,6 +7,8 @@ from enum import StrEnum
 from asglight.fitting import paper
 from asglight.fitting.options import LOBES
 from asglight.judging.methods import METHODS
+from asglight.lobes import Form
+from asglight.peers.approximation import LOBE_FLOATS
 
 LOBE_COUNTS = (1, 2, 4, 8, 15, 30, 60, 120)
 
@@ -71,7 +73,7 @@ class Plan:
     @property
     def floats(self) -> int:
         """The budget of the peers: that of `lobes` anisotropic lobes."""
-        return 8 * self.lobes
+        return LOBE_FLOATS[Form.ASG] * self.lobes
 
     def paper_ladder(self, count: int) -> tuple[int, ...]:
         """Return the paper's runs with a number of lobes: their steps, ascending."""

@@ -46,7 +46,7 @@ def pictures(record: dict[str, Any]) -> dict[str, Draw]:
 
 def draw_time(record: dict[str, Any], theme: Theme = DARK) -> Figure:
     """Draw error against processor time at one number of floats: ways as lines, peers as points."""
-    floats = 8 * record["lobes"]
+    floats = record["floats"]
     figure = sheet(
         WIDTH,
         1120,

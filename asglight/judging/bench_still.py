@@ -10,7 +10,7 @@ the one that leads since the last level. Those of the paper are ends of runs wit
 with the whole fall of its learning rate: a run that is stopped early would be worse.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +22,7 @@ from asglight.fitting import first_frame
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import fit_frame, one_thread
 from asglight.judging import methods
-from asglight.judging.bench_plan import Plan
+from asglight.judging.bench_plan import Effort, Plan
 from asglight.judging.clock import Clock, Point, timed
 from asglight.judging.compare import Follow
 from asglight.judging.memory import peak_memory
@@ -91,7 +91,8 @@ def runs(reference: Tensor, plan: Plan, follow: Follow) -> list[Run]:
     counts = plan.counts["em"]
     for count in follow(counts, f"fitting em, lobes {_listed(counts)}", len(counts)):
         done.append(peer_run(reference, "em", count, plan, follow))
-    done.extend(peer_run(reference, name, plan.lobes, plan, follow) for name in plan.peers)
+    for name in follow(plan.peers, "fitting the other methods", len(plan.peers)):
+        done.append(peer_run(reference, name, plan.lobes, plan, follow))
     return done
 
 
@@ -157,20 +158,12 @@ def paper_run(reference: Tensor, count: int, ladder: Sequence[int], follow: Foll
     return Run("paper", count, tuple(checkpoints), peak_bytes)
 
 
-def _paused_tick(clock: Clock, ticks: Iterator[int]):
-    def on_step(step: int, steps: int, loss: float) -> None:
-        with clock.paused():
-            next(ticks, None)
-
-    return on_step
-
-
 def peer_run(reference: Tensor, name: str, count: int, plan: Plan, follow: Follow) -> Run:
     """Fit with another method, with the floats of so many anisotropic lobes."""
     method = METHODS[name]
-    is_quick = plan.effort == "quick"
-    steps = methods.steps_of(method, full=plan.effort == "full", quick=is_quick)
-    ticks = follow(range(max(steps, 1)), f"fitting {name}", max(steps, 1)) if steps else iter(())
+    full, quick = plan.effort is Effort.FULL, plan.effort is Effort.QUICK
+    steps = methods.steps_of(method, full=full, quick=quick)
+    ticks = follow(range(steps), f"fitting {name}", steps) if steps else iter(())
     next(ticks, None)
 
     def on_step() -> None:
@@ -180,6 +173,16 @@ def peer_run(reference: Tensor, name: str, count: int, plan: Plan, follow: Follo
     with peak_memory() as peak:
         found, seconds = timed(methods.run, method, Task(reference, floats, steps, on_step))
     return Run(name, count, (Checkpoint(steps, seconds, found),), peak.grown)
+
+
+def _paused_tick(clock: Clock, ticks: Iterator[int]) -> Callable[[int, int, float], None]:
+    """Return a callback that moves a bar while a clock stands still."""
+
+    def on_step(step: int, steps: int, loss: float) -> None:
+        with clock.paused():
+            next(ticks, None)
+
+    return on_step
 
 
 def races(reference: Tensor, plan: Plan, follow: Follow) -> dict[str, list[float]]:

@@ -116,6 +116,15 @@ def test_work_item_by_item_is_passed_on(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().err == "judging (3)\n"
 
 
+def test_slow_work_has_a_line_now_and_then(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times = iter([0, 0, 29, 30, 30, 59])  # of each look at the clock; a line looks once more
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(times))
+    assert list(progress.Lines().follow("abcd", "fitting", 4)) == ["a", "b", "c", "d"]
+    assert capsys.readouterr().err == "fitting (4)\nfitting 2/4\n"
+
+
 def test_the_bar_shows_the_same_numbers() -> None:
     screen = io.StringIO()
     with bar_on(screen) as shown:
@@ -185,3 +194,13 @@ def test_a_table_is_aligned() -> None:
     assert printing.table(["", "env"], [["a", "1"], ["bcd", "1000"]]) == (
         "      env\na       1\nbcd  1000"
     )
+
+
+def test_bars_of_finished_work_make_room_for_what_runs() -> None:
+    console = Console(file=io.StringIO(), force_terminal=True)
+    with Progress(console=console) as shown:
+        bar = progress.Bar(shown)
+        for place in range(progress.BARS_MAX + 3):
+            assert list(bar.follow("ab", f"part {place}", 2)) == ["a", "b"]
+        visible = [task.description for task in shown.tasks if task.visible]
+    assert visible == [f"part {place}" for place in range(3, progress.BARS_MAX + 3)]

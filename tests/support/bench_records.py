@@ -47,6 +47,7 @@ def still(name: str = "sky") -> dict[str, Any]:
         "columns": 32,
         "mean_radiance": 0.5,
         "lobes": 15,
+        "floats": 120,
         "fits": [
             fit("fast", 2, point(9, 0.5, 0.5)),
             fit("fast", 15, point(1, 0.5, 0.5), point(9, 2.0, 0.02)),
