@@ -145,7 +145,7 @@ def _head(document: Mapping[str, Any]) -> str:
         for record in document["inputs"]
     ]
     where = (
-        f"{at['processor']}, {at['cores']} cores, load {at['load']} when it was written; torch "
+        f"{at['processor']}, {at['cores']} cores, load {at['load']} (1 is the bench itself); torch "
         f"{at['torch']}, Python {at['python']}. asglight {document['version']}."
     )
     return (

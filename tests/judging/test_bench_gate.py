@@ -11,6 +11,7 @@ import pytest
 
 from asglight.errors import InputError
 from asglight.judging import bench_gate
+from asglight.judging.bench_plan import Effort, plan_of
 from asglight.judging.metrics import METRIC_NAMES
 
 PATH = Path("base.json")
@@ -180,3 +181,19 @@ def test_a_run_that_asks_for_something_else_is_refused(before: dict[str, Any]) -
     bench_gate.check_asked(before, PATH, {"effort": "quick", "lobes": 15, "paper_steps": 240})
     with pytest.raises(InputError, match="was written with lobes 15, this run has 8; expected"):
         bench_gate.check_asked(before, PATH, {"effort": "quick", "lobes": 8})
+
+
+def test_the_baseline_of_the_repository_is_for_a_quick_run() -> None:
+    path = Path(__file__).resolve().parents[2] / "benchmarks" / "bench-baseline.json"
+    if not path.parent.is_dir():
+        pytest.skip("benchmarks/ is in the repository alone")
+    before = bench_gate.read_baseline(path)
+    plan = plan_of(Effort.QUICK)
+    asked = {"effort": plan.effort.value, "lobes": plan.lobes, "paper_steps": plan.paper_steps}
+    bench_gate.check_asked(before, path, asked)
+    assert set(before["inputs"]) == {"lobby", "tunnel"}
+    for known in before["inputs"].values():
+        for count in plan.counts["fast"]:
+            name = "1 lobe" if count == 1 else f"{count} lobes"
+            assert known["numbers"][f"fast, {name}, irr"] > 0
+    assert "live, sequence, flicker" in before["inputs"]["tunnel"]["numbers"]
