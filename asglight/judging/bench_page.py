@@ -32,7 +32,8 @@ svg { width: 100%; height: auto; display: block; margin: 1rem 0; }
 table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
 caption { text-align: left; padding: .4rem 0; }
 th, td { padding: .2rem .7rem .2rem 0; text-align: right; border-bottom: 1px solid var(--line);
-  white-space: nowrap; } th:first-child, td:first-child { text-align: left; }
+  white-space: nowrap; }
+th:first-child, td:first-child { text-align: left; white-space: normal; }
 summary { cursor: pointer; margin: .8rem 0; } b { font-weight: 700; }
 </style>
 </head>
