@@ -24,9 +24,9 @@ from asglight.fitting.first_frame import (
     with_flux_of,
 )
 from asglight.fitting.grid import coarsen, coarser
-from asglight.fitting.leaves import leaves
+from asglight.fitting.leaves import leaves, to_cells
 from asglight.fitting.objective import Corners
-from asglight.fitting.probes import PROBES, directions, probe, probe_rows
+from asglight.fitting.probes import PROBES, directions, probe
 from asglight.fitting.tracking import claims, drawn, found_again
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import stack
@@ -236,15 +236,15 @@ def _send_free_lobes(lobes: Lobes, free: Tensor, frame: objective.Target) -> Lob
     """
     sharpest = PROBES[-1]
     rows = frame.places.rows
-    wanted = probe(objective.on_cells(frame.radiance, frame), rows)[-1][0]  # [3, D]
+    wanted = probe(to_cells(frame.radiance, frame.places), rows)[-1][0]  # [3, D]
     brightest = float(wanted.sum(0).max())
-    places = directions(sharpest, probe_rows(sharpest, rows)).to(wanted)
+    places = directions(sharpest, rows).to(wanted)
     axes, sharpness = lobes.axes.clone(), lobes.sharpness.clone()
     amplitude = lobes.amplitude.clone()
     for index in torch.nonzero(free).flatten().tolist():
         current = Lobes(axes, sharpness, amplitude, lobes.form)[None]
         shown = lobe_images.images(current, frame.places).radiance
-        lacking = wanted - probe(objective.on_cells(shown, frame), rows)[-1][0]
+        lacking = wanted - probe(to_cells(shown, frame.places), rows)[-1][0]
         place = int(lacking.sum(0).argmax())
         if float(lacking[:, place].sum()) < LACKING_SHARE * brightest:
             break

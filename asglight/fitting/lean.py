@@ -32,10 +32,6 @@ from asglight.fitting.probes import PROBES, probe, shares
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import orthonormal, parallel_transport
 
-MATERIALS = tuple(replace(source, height=BASE_ROWS) for source in PROBES)
-"""The probes of the fit, all on the grid of the cells. On half the rows, as the fit uses them, a
-narrow lobe seems to move when only its shape does: a fit does not care, a change of 1e-3 does."""
-
 BUDGET = 1e-3
 """Change of a frame by all simplifications together, on each probe. On ten maps and three sequences
 fitted with 15 lobes, whose r0.5 is 0.003 to 0.018, it raises no frame's irr or r0.5 by more than
@@ -108,7 +104,7 @@ def changes(before: Lobes, after: Lobes, whole: Tensor) -> Tensor:
         unit = (whole[chunk] / (4 * math.pi)).clamp(min=1e-37)[:, None, None]
         light, changed = ((lobes.amplitude / unit)[..., None].float() for lobes in (old, new))
         columns = []
-        weights = shares(BASE_ROWS, str(light.device), MATERIALS)
+        weights = shares(BASE_ROWS, str(light.device))
         for one, other, share in zip(_views(old), _views(new), weights, strict=True):
             change = light * one[:, :, None] - changed * other[:, :, None]
             columns.append(change.abs().sum(2) @ share)
@@ -125,7 +121,7 @@ def _views(lobes: Lobes) -> tuple[Tensor, ...]:
     cells = even_cells(BASE_ROWS, str(lobes.axes.device))
     values = lobe_images.images(lobes, cells).values
     found = 4 * math.pi * (values @ cells.share[..., None])
-    return probe(values * (asg.integral(lobes)[..., None] / found), BASE_ROWS, MATERIALS)
+    return probe(values * (asg.integral(lobes)[..., None] / found), BASE_ROWS)
 
 
 def rounded_off(lobes: Lobes) -> Lobes:
@@ -255,7 +251,7 @@ def _affordable(
     """
     lost = asg.flux(lobes.to(torch.float64)) - asg.flux(simpler.to(torch.float64))
     taken = lost.abs().sum(-1) / whole.clamp(min=1e-300)[:, None]  # [F, N]
-    cost = torch.full((*taken.shape, len(MATERIALS)), torch.inf, dtype=torch.float64)
+    cost = torch.full((*taken.shape, len(PROBES)), torch.inf, dtype=torch.float64)
     near = torch.nonzero((taken <= left.amin(-1, keepdim=True)).all(0)).flatten()
     if len(near):
         changed = changes(lobes.select(near), simpler.select(near), whole)

@@ -3,7 +3,8 @@
 
 A map of 256 x 512 texels is mostly smooth at the scale of a lobe. Its leaves are the cells of a
 coarse grid, and in the few cells with most detail the texels themselves, so that a sun of one texel
-is one. The materials see the coarse grid, on which a refined cell shows the mean of its texels.
+is one. The materials see the coarse grid, to which refined cells bring their texels' light each to
+its own place (splatting.py).
 
 Images on leaves are [F, ..., P]: first all cells in order, then the texels cell by cell. A refined
 cell keeps its place among the cells, with no share of the sphere. Dimension letters: F frames,
@@ -15,6 +16,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from asglight.fitting import splatting
 from asglight.fitting.grid import Grid, cell_sums, coarsen, coarser, grid, repeated
 
 BASE_ROWS = 64
@@ -37,7 +39,7 @@ class Leaves:
         monomials: Of the texels' centres, in the order of `grid.POWERS`.  [F, 10, Q]
         cell_share: Solid angle over 4 pi of each cell, 0 where refined.  [F, C]
         texel_share: Solid angle over 4 pi of each texel.  [F, Q]
-        within: Share of each texel in its cell.  [F, Q]
+        around: The cells that the light of each refined cell reaches.  [F, 25 R]
     """
 
     rows: int
@@ -47,7 +49,7 @@ class Leaves:
     monomials: Tensor
     cell_share: Tensor
     texel_share: Tensor
-    within: Tensor
+    around: Tensor
 
     @property
     def cells(self) -> Grid:
@@ -109,8 +111,6 @@ def leaves(reference: Tensor, rows: int = BASE_ROWS, refined: int = REFINED) -> 
         detail = cell_sums(detail, fine_rows, rows)
         chosen = detail.topk(min(refined, detail.shape[-1]), dim=-1).indices
     texel = _texels_of(chosen, rows, fine_rows)
-    texel_share = fine.share[texel]
-    per_cell = (fine_rows // rows) ** 2
     return Leaves(
         rows=rows,
         fine_rows=fine_rows,
@@ -118,8 +118,8 @@ def leaves(reference: Tensor, rows: int = BASE_ROWS, refined: int = REFINED) -> 
         texel=texel,
         monomials=fine.monomials[:, texel].movedim(0, 1).contiguous(),
         cell_share=coarse.share.repeat(len(reference), 1).scatter_(1, chosen, 0.0),
-        texel_share=texel_share,
-        within=texel_share / coarse.share[chosen].repeat_interleave(per_cell, -1),
+        texel_share=fine.share[texel],
+        around=splatting.neighbours(chosen, rows),
     )
 
 
@@ -140,22 +140,32 @@ def on_leaves(images: Tensor, places: Leaves) -> Tensor:
 
 
 def to_cells(images: Tensor, places: Leaves) -> Tensor:
-    """Average images on leaves over each cell.  [F, K, P] -> [F, K, C]."""
+    """Bring images on leaves to the cells' centres.  [F, K, P] -> [F, K, C]."""
     if not places.texel.shape[-1]:
         return images
     cells, texels = images[..., : places.count], images[..., places.count :]
-    refined = (texels * places.within[:, None]).unflatten(-1, (places.refined.shape[-1], -1))
-    return cells.scatter(-1, _each(places.refined, images), refined.sum(-1))
+    cells = cells.scatter(-1, _each(places.refined, images), 0.0)
+    weights = splatting.weights(places.fine_rows // places.rows, str(images.device))
+    flux = (texels * places.texel_share[:, None]).unflatten(-1, (-1, len(weights)))
+    brought = (flux @ weights.to(flux)).flatten(-2) / _shares_around(places)
+    return cells.scatter_add(-1, _each(places.around, images), brought)
 
 
 def from_cells(slopes: Tensor, places: Leaves) -> Tensor:
     """Apply the transpose of `to_cells`.  [F, K, C] -> [F, K, P]."""
     if not places.texel.shape[-1]:
         return slopes
-    index = _each(places.refined, slopes)
-    per_cell = places.texel.shape[-1] // places.refined.shape[-1]
-    texels = slopes.gather(-1, index).repeat_interleave(per_cell, -1) * places.within[:, None]
-    return torch.cat([slopes.scatter(-1, index, 0.0), texels], dim=-1)
+    weights = splatting.weights(places.fine_rows // places.rows, str(slopes.device))
+    around = slopes.gather(-1, _each(places.around, slopes)) / _shares_around(places)
+    around = around.unflatten(-1, (-1, weights.shape[-1]))
+    texels = (around @ weights.to(around).mT).flatten(-2) * places.texel_share[:, None]
+    cells = slopes.scatter(-1, _each(places.refined, slopes), 0.0)
+    return torch.cat([cells, texels], dim=-1)
+
+
+def _shares_around(places: Leaves) -> Tensor:
+    """Return solid angles over 4 pi, for each image of a frame.  [F, 1, 25 R]."""
+    return places.cells.share[places.around][:, None]
 
 
 def _each(index: Tensor, images: Tensor) -> Tensor:

@@ -22,7 +22,7 @@ ROWS = 128
 """Rows of the grid, at most. On 64 rows a lamp's place within its cell is lost: where lamps have
 hard edges the errors then come out at half their size."""
 
-MEASURED = {"irr": Probe(kernels.LAMBERT, 1.0, ROWS, 8), "r0.5": Probe(0.5, 1.0, ROWS, 16)}
+MEASURED = {"irr": Probe(kernels.LAMBERT, 1.0, 8), "r0.5": Probe(0.5, 1.0, 16)}
 """The errors and their probes, which look where those of the fit look."""
 
 ALLOWANCE = 0.01

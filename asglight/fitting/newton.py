@@ -23,14 +23,11 @@ from asglight.fitting.coordinates import UNKNOWNS, Leash, advance
 from asglight.fitting.grid import cell_sums, coarser, grid
 from asglight.fitting.lobe_images import COLUMNS, Footprint, Images
 from asglight.fitting.objective import Misfit
-from asglight.fitting.probes import probe
+from asglight.fitting.probes import CURVATURE_ROWS, probe
 from asglight.lobes import Lobes, asg
 
 OnStep = Callable[[Lobes], None]
 """Called with the lobes [F, N, .] after a step."""
-
-CURVATURE_ROWS = 32
-"""Rows of the grid of cells on which H is summed, at most."""
 
 DAMPING_START, DAMPING_MIN, DAMPING_MAX = 1e-2, 1e-6, 1e6
 DAMPING_UP, DAMPING_DOWN = 5.0, 0.3

@@ -208,11 +208,6 @@ def _view_weights(frame: Target) -> list[Tensor]:
     ]
 
 
-def on_cells(images: Tensor, frame: Target) -> Tensor:
-    """Average images on the leaves over the cells.  [F, K, P] -> [F, K, C]."""
-    return leaves.to_cells(images, frame.places)
-
-
 def _size(images: Tensor) -> Tensor:
     """Return the norm over RGB.  [..., 3, P] -> [..., P]."""
     return images.square().sum(-2).sqrt()

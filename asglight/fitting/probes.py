@@ -5,7 +5,8 @@ A probe filters a map with a kernel around directions that lie on rings of latit
 are the same at every longitude, so the filter is a convolution along the rows: one small matrix
 from rows to rings for each frequency of longitude. Images are channels first, [..., P].
 
-The probes see the map on coarse grids, for what they show is smooth at that scale.
+The probes see the map on a coarse grid, to which its light was brought place by place
+(splatting.py), for what they show is smooth at that scale.
 """
 
 import math
@@ -15,7 +16,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from asglight.fitting.grid import coarsen, coarser, spread
+from asglight.fitting.grid import coarser
 from asglight.shading import kernels
 from asglight.sphere import latlong
 
@@ -27,22 +28,23 @@ class Probe:
     Attributes:
         kernel: `kernels.LAMBERT`, `kernels.EVEN` or a GGX roughness.
         weight: w_k.
-        height: Rows of the grid it filters: its kernel is wider than three texels of it.
         rings: Rings on which it looks, evenly over latitude; their spacing is below its width.
     """
 
     kernel: str | float
     weight: float
-    height: int
     rings: int
 
 
 PROBES = (
-    Probe(kernels.EVEN, 10.0, 32, 1),
-    Probe(kernels.LAMBERT, 4.0, 32, 8),
-    Probe(0.5, 2.0, 32, 16),
-    Probe(0.25, 1.0, 64, 24),
+    Probe(kernels.EVEN, 10.0, 1),
+    Probe(kernels.LAMBERT, 4.0, 8),
+    Probe(0.5, 2.0, 16),
+    Probe(0.25, 1.0, 24),
 )
+
+CURVATURE_ROWS = 32
+"""Rows of the coarsest grid that is filtered, at most: the Gauss-Newton matrix's (newton.py)."""
 
 
 def probe(images: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> tuple[Tensor, ...]:
@@ -56,29 +58,17 @@ def probe(images: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> t
     Returns:
         What each probe shows of each image, ring by ring.  One [..., D] a probe.
     """
-    on_grid = {height: images}
-    views: dict[Probe, Tensor] = {}
-    for rows in sorted({probe_rows(p, height) for p in sources}, reverse=True):
-        finer = min(h for h in on_grid if h % rows == 0)
-        on_grid[rows] = coarsen(on_grid[finer], finer, rows)
-        sharing = tuple(p for p in sources if probe_rows(p, height) == rows)
-        views.update(zip(sharing, _views(on_grid[rows], sharing, rows), strict=True))
-    return tuple(views[p] for p in sources)
-
-
-def _views(images: Tensor, sharing: tuple[Probe, ...], rows: int) -> list[Tensor]:
-    """Filter images with the probes that see the same grid.  [..., P'] -> one [..., D] each."""
-    spectrum = torch.fft.rfft(images.unflatten(-1, (rows, 2 * rows)))
-    rings = _between_rows(_stacked_spectra(sharing, rows, str(images.device)), spectrum)
-    parts = torch.fft.irfft(rings, 2 * rows).split([p.rings for p in sharing], dim=-2)
-    strides = [_stride(p, rows) for p in sharing]
-    return [part[..., ::s].flatten(-2) for part, s in zip(parts, strides, strict=True)]
+    spectrum = torch.fft.rfft(images.unflatten(-1, (height, 2 * height)))
+    rings = _between_rows(_stacked_spectra(sources, height, str(images.device)), spectrum)
+    parts = torch.fft.irfft(rings, 2 * height).split([p.rings for p in sources], dim=-2)
+    strides = [_stride(p, height) for p in sources]
+    return tuple(part[..., ::s].flatten(-2) for part, s in zip(parts, strides, strict=True))
 
 
 @lru_cache(maxsize=32)
 @torch.inference_mode(False)
-def _stacked_spectra(sharing: tuple[Probe, ...], rows: int, device: str) -> Tensor:
-    return torch.cat([_spectra(p, rows, device) for p in sharing], dim=1)
+def _stacked_spectra(sources: tuple[Probe, ...], height: int, device: str) -> Tensor:
+    return torch.cat([_spectra(p, height, device) for p in sources], dim=1)
 
 
 def pull(views: tuple[Tensor, ...], height: int) -> Tensor:
@@ -91,20 +81,15 @@ def pull(views: tuple[Tensor, ...], height: int) -> Tensor:
     Returns:
         On that grid.  [..., P]
     """
-    given = dict(zip(PROBES, views, strict=True))
-    total = views[0].new_zeros(*views[0].shape[:-1], 2 * height * height)
-    for rows in {probe_rows(p, height) for p in PROBES}:
-        sharing = tuple(p for p in PROBES if probe_rows(p, height) == rows)
-        rings = total.new_zeros(*total.shape[:-1], sum(p.rings for p in sharing), 2 * rows)
-        first = 0
-        for source in sharing:
-            placed = rings[..., first : first + source.rings, :: _stride(source, rows)]
-            placed.copy_(given[source].unflatten(-1, (source.rings, -1)))
-            first += source.rings
-        weights = _stacked_spectra(sharing, rows, str(total.device))
-        spectrum = _between_rows(weights.mT, torch.fft.rfft(rings))
-        total += spread(torch.fft.irfft(spectrum, 2 * rows).flatten(-2), rows, height)
-    return total
+    rings = views[0].new_zeros(*views[0].shape[:-1], sum(p.rings for p in PROBES), 2 * height)
+    first = 0
+    for source, view in zip(PROBES, views, strict=True):
+        placed = rings[..., first : first + source.rings, :: _stride(source, height)]
+        placed.copy_(view.unflatten(-1, (source.rings, -1)))
+        first += source.rings
+    weights = _stacked_spectra(PROBES, height, str(rings.device))
+    spectrum = _between_rows(weights.mT, torch.fft.rfft(rings))
+    return torch.fft.irfft(spectrum, 2 * height).flatten(-2)
 
 
 def _between_rows(weights: Tensor, spectrum: Tensor) -> Tensor:
@@ -116,14 +101,9 @@ def _between_rows(weights: Tensor, spectrum: Tensor) -> Tensor:
     return back.reshape(*spectrum.shape[:-2], *back.shape[-2:])
 
 
-def probe_rows(source: Probe, height: int) -> int:
-    """Return the rows of the grid that a probe sees of a map of `height` rows."""
-    return coarser(height, source.height)
-
-
 def shares(height: int, device: str, sources: tuple[Probe, ...] = PROBES) -> tuple[Tensor, ...]:
     """Return each view's share of the sphere.  One [D] a probe."""
-    return tuple(_shares(p, probe_rows(p, height), device) for p in sources)
+    return tuple(_shares(p, height, device) for p in sources)
 
 
 def directions(source: Probe, rows: int) -> Tensor:
@@ -134,8 +114,13 @@ def directions(source: Probe, rows: int) -> Tensor:
 
 
 def _stride(source: Probe, rows: int) -> int:
-    """Return the texels from view to view along a ring: as far apart as the rings, at most."""
-    return max(s for s in range(1, max(1, rows // source.rings) + 1) if 2 * rows % s == 0)
+    """Return the texels from view to view along a ring: as far apart as the rings, at most.
+
+    They are counted on the coarsest grid that is filtered, so that every grid has the same views.
+    """
+    coarse = coarser(rows, CURVATURE_ROWS)
+    most = max(1, coarse // source.rings)
+    return rows // coarse * max(s for s in range(1, most + 1) if 2 * coarse % s == 0)
 
 
 @lru_cache(maxsize=32)

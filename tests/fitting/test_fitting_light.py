@@ -13,7 +13,7 @@ from lobe_cases import DOUBLE, flat, lamps, random_lobes, shown, target
 from torch import Tensor
 
 from asglight.fitting import light, lobe_images, objective, probes
-from asglight.fitting.leaves import leaves
+from asglight.fitting.leaves import leaves, to_cells
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 from asglight.sphere import latlong
@@ -64,8 +64,8 @@ def _solved_by_scipy(lobes: Lobes, frame: objective.Target, ref: Tensor, index: 
     fit = lobes.amplitude[index].double().mT @ values
     found = objective.misfit(shown.radiance, frame)
     pieces = [_env_rows(values, fit, ref, frame, index)]
-    on_cells = objective.on_cells(shown.values * shown.scale[..., None], frame)[index]
-    truth = latlong.reduce(ref, places.rows, 2 * places.rows).flatten(0, 1).mT.float()
+    on_cells = to_cells(shown.values * shown.scale[..., None], places)[index]
+    truth = to_cells(frame.radiance, places)[index]
     for view, wanted, weight in zip(
         probes.probe(on_cells, places.rows),
         probes.probe(truth, places.rows),

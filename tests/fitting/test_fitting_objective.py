@@ -6,10 +6,11 @@ from dataclasses import replace
 import pytest
 import torch
 from lobe_cases import DOUBLE, flat
+from splat_cases import of_texels
 from torch import Tensor
 
 from asglight.fitting import objective, probes
-from asglight.fitting.leaves import Leaves, leaves, on_leaves
+from asglight.fitting.leaves import Leaves, leaves, on_leaves, to_cells
 from asglight.fitting.probes import PROBES
 from asglight.shading import kernels
 from asglight.sphere import latlong
@@ -79,6 +80,10 @@ def _loss_by_definition(fit: Tensor, ref: Tensor, rows: int, refined: list[int])
     cells = fit[:, :count].mT.clone()
     fits, refs = [cells[plain][:, None].expand(-1, factor**2, 3).flatten(0, 1)], [parts[plain]]
     areas = [weight.flatten()]
+    wanted = latlong.reduce(ref, rows, 2 * rows).flatten(0, 1)
+    plain_only = torch.ones(count, 1, dtype=DOUBLE)
+    plain_only[refined] = 0.0
+    seen = [plain_only * cells, plain_only * wanted]
     texels = fit[:, count:].mT.reshape(len(refined), (height // rows) ** 2, 3)
     for index, cell in enumerate(refined):
         block = _block(cell, rows, height)
@@ -86,7 +91,9 @@ def _loss_by_definition(fit: Tensor, ref: Tensor, rows: int, refined: list[int])
         fits.append(texels[index])
         refs.append(ref[block].reshape(1, -1, 3))
         areas.append(area)
-        cells[cell] = (area[:, None] * texels[index]).sum(0) / area.sum()
+        texel = torch.arange(2 * height**2).reshape(height, -1)[block].flatten()
+        brought = of_texels(texel, height, rows)
+        seen = [seen[0] + brought @ texels[index], seen[1] + brought @ ref[block].flatten(0, 1)]
     env = _term(
         torch.cat(fits),
         torch.cat([one.reshape(-1, 3) for one in refs]),
@@ -94,11 +101,9 @@ def _loss_by_definition(fit: Tensor, ref: Tensor, rows: int, refined: list[int])
         CORNERS.env,
     )
     total = objective.ENV_WEIGHT * env
-    seen = torch.stack([cells.reshape(rows, 2 * rows, 3), latlong.reduce(ref, rows, 2 * rows)])
+    maps = torch.stack(seen).unflatten(1, (rows, -1))
     for source, share in zip(PROBES, probes.shares(rows, "cpu"), strict=True):
-        size = probes.probe_rows(source, rows)
-        maps = torch.stack([latlong.reduce(image, size, 2 * size) for image in seen])
-        directions = probes.directions(source, size).double()
+        directions = probes.directions(source, rows).double()
         views = kernels.filtered(maps, source.kernel, directions, normalised=True)
         total = total + source.weight * _term(views[0], views[1], share.double(), _corner(source))
     return total
@@ -137,14 +142,7 @@ def test_a_refined_cell_has_no_say_of_its_own() -> None:
 def _majoriser(away: Tensor, misfit: objective.Misfit, places: Leaves) -> Tensor:
     """Return slope times `away` and half the weighted squares of what it shows.  [F]."""
     squares = (misfit.env_weight[:, None] * away.square()).sum((1, 2))
-    on_cells = away.clone()[..., : places.count]
-    for frame, cells in enumerate(places.refined.tolist()):
-        size = (places.fine_rows // places.rows) ** 2
-        for index, cell in enumerate(cells):
-            own = slice(index * size, (index + 1) * size)
-            texels = away[frame, :, places.count :][:, own]
-            on_cells[frame, :, cell] = texels @ places.within[frame, own]
-    views = probes.probe(on_cells, places.rows)
+    views = probes.probe(to_cells(away, places), places.rows)
     for weight, view in zip(misfit.probe_weights, views, strict=True):
         squares += (weight[:, None] * view.square()).sum((1, 2))
     return (misfit.slope * away).double().sum((1, 2)) + 0.5 * squares

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Probes against the sum over every texel that they stand for, and against their transpose."""
 
+import math
+
 import pytest
 import torch
 
 from asglight.fitting import probes
-from asglight.fitting.grid import grid
+from asglight.fitting.grid import coarser, grid
 from asglight.fitting.probes import PROBES
 from asglight.shading import kernels
-from asglight.sphere import latlong
 
 HEIGHTS = [16, 50, 64, 96, 128]
 
@@ -20,21 +21,19 @@ def _map(height: int) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("height", HEIGHTS)
-def test_probe_is_the_kernel_filter_of_the_coarsened_map(height: int) -> None:
+def test_probe_is_the_kernel_filter_of_the_map(height: int) -> None:
     radiance = _map(height)
     texels = radiance.mT.reshape(height, 2 * height, 3).double()
     for source, view in zip(PROBES, probes.probe(radiance, height), strict=True):
-        rows = probes.probe_rows(source, height)
-        coarse = latlong.reduce(texels, rows, 2 * rows)
-        directions = probes.directions(source, rows).double()
-        expected = kernels.filtered(coarse[None], source.kernel, directions, normalised=True)[0]
+        directions = probes.directions(source, height).double()
+        expected = kernels.filtered(texels[None], source.kernel, directions, normalised=True)[0]
         # weights, transforms and directions in float32; the narrowest kernel's slope is 40
         torch.testing.assert_close(view.mT.double(), expected, rtol=1e-5, atol=1e-6)
 
 
 def test_probes_look_from_rings_evenly_over_latitude() -> None:
     for source in PROBES:
-        directions = probes.directions(source, source.height)
+        directions = probes.directions(source, 64)
         latitude = torch.rad2deg(torch.asin(directions[:, 1])).reshape(source.rings, -1)
         middle = 90 - 180 * (torch.arange(source.rings) + 0.5) / source.rings
         # asin of a rounded number near 1, the ring nearest to a pole
@@ -89,7 +88,7 @@ def test_shares_of_the_views_sum_to_one(height: int) -> None:
     for source, share, view in zip(PROBES, probes.shares(height, "cpu"), views, strict=True):
         assert float(share.double().sum()) == pytest.approx(1.0, rel=1e-6)  # rounded to float32
         assert share.shape == view.shape[-1:]
-        directions = probes.directions(source, probes.probe_rows(source, height))
+        directions = probes.directions(source, height)
         assert len(directions) == len(share)
         # a view stands for the area around it: larger at the equator by the cosine of latitude
         across = (1 - directions[:, 1].square()).sqrt()
@@ -117,3 +116,14 @@ def test_images_of_a_batch_are_probed_one_by_one() -> None:
         alone = probes.probe(image, 32)
         for views, expected in zip(probes.probe(batch, 32), alone, strict=True):
             torch.testing.assert_close(views[index], expected)
+
+
+@pytest.mark.parametrize("height", [48, 50, 64, 94, 96])
+def test_the_grid_of_the_curvature_has_the_same_views(height: int) -> None:
+    coarse = coarser(height, probes.CURVATURE_ROWS)
+    assert coarse < height
+    for source in PROBES:
+        fine, few = (probes.directions(source, rows) for rows in (height, coarse))
+        assert fine.shape == few.shape
+        # the columns' first centres differ by less than a coarse cell
+        assert float((fine * few).sum(-1).min()) > math.cos(math.pi / coarse)
