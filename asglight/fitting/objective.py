@@ -208,6 +208,29 @@ def _view_weights(frame: Target) -> list[Tensor]:
     ]
 
 
+def placed(radiance: Tensor, frame: Target) -> Tensor:
+    """Lay J out on the leaves: what a probe shows wrong goes to where its light comes from.
+
+    Args:
+        radiance: Reconstructions on the leaves.  [F, 3, P]
+        frame: The maps; parts of cells count as one here.
+
+    Returns:
+        Each leaf's part of J.  [F, P]
+    """
+    corner = frame.env_corner[:, None]
+    residual = radiance - frame.radiance
+    error = frame.places.share * (phi(residual, corner) - corner)
+    total = error * (ENV_WEIGHT / frame.env_scale)[:, None]
+    sizes = []
+    shared = zip(_probed(residual, frame), _view_weights(frame), strict=True)
+    for index, (view, share) in enumerate(shared):
+        corner = frame.probe_corner(index)[:, None]
+        sizes.append((share * (phi(view, corner) - corner))[:, None])
+    pulled = pull(tuple(sizes), frame.places.rows)
+    return total + leaves.from_cells(pulled, frame.places)[:, 0]
+
+
 def _size(images: Tensor) -> Tensor:
     """Return the norm over RGB.  [..., 3, P] -> [..., P]."""
     return images.square().sum(-2).sqrt()

@@ -2,8 +2,8 @@
 """Split and merge: a lobe that is hardly needed goes where one lobe stands for two.
 
 Steps go downhill, so a fit keeps the share of lobes that its start gave to each lamp. A trial takes
-away the lobe whose loss would cost least and halves the one that fits its own place worst; it is
-kept if J is lower after some steps, in the spirit of split-and-merge EM [Ueda et al. 2000].
+away the lobe whose loss would cost least and halves the one that most of J lies on; it is kept if J
+is lower after some steps, in the spirit of split-and-merge EM [Ueda et al. 2000].
 
 What a lobe's absence costs, with all others free to make up for it, is read off the Gauss-Newton
 matrix: for its amplitudes a, a^T [(H^-1)_aa]^-1 a / 2 [Hassibi and Stork 1993]. So is the step by
@@ -77,10 +77,10 @@ def regroup(
 def _order(lobes: Lobes, frame: objective.Target) -> tuple[list[tuple[int, int, int]], Tensor]:
     """Return the splits to try: which lobe, which goes, along which axis; and `absences`' steps."""
     shown = lobe_images.images(lobes, frame.places)
-    error = objective.phi(shown.radiance - frame.radiance, frame.env_corner[:, None])
+    error = objective.placed(shown.radiance, frame)[0]
     sent = shown.values[0] * lobes.amplitude[0].sum(-1, keepdim=True)
     taken = sent / sent.sum(0).clamp(min=torch.finfo(torch.float32).tiny)
-    own = taken @ (frame.places.share * (error - frame.env_corner))[0]
+    own = taken @ error
     axes = 1 if lobes.form is Form.SG else 2
     costs, filled = absences(shown, frame)
     cheapest = costs.argsort().tolist()

@@ -10,6 +10,7 @@ from splat_cases import of_texels
 from torch import Tensor
 
 from asglight.fitting import objective, probes
+from asglight.fitting.grid import grid
 from asglight.fitting.leaves import Leaves, leaves, on_leaves, to_cells
 from asglight.fitting.probes import PROBES
 from asglight.shading import kernels
@@ -282,3 +283,30 @@ def test_a_repeated_target_judges_each_reconstruction_as_the_one_does() -> None:
     assert len(many.places.refined) == 3
     assert replace(many, corners=CORNERS).env_corner.shape == (3,)
     assert places.rows == many.places.rows == 16
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_loss_laid_out_on_the_leaves_is_the_loss(case: tuple[int, int, int]) -> None:
+    maps, places, fit = _example(case)
+    frame = objective.target(flat(maps), CORNERS, places)
+    # parts of a cell that are alike: what is laid out takes a cell's mean for all of them
+    even = replace(frame, parts=frame.radiance[:, None, :, : places.count].expand_as(frame.parts))
+    laid = objective.placed(fit, even).double().sum(-1)
+    value = objective.value(fit, even).double()
+    # float32 sums; the corner of the map counts leaf by leaf
+    torch.testing.assert_close(laid, value, rtol=2e-4, atol=0)
+
+
+def test_a_lamp_that_is_missing_has_its_part_of_the_loss_near_itself() -> None:
+    maps = torch.full((1, 64, 128, 3), 0.1)
+    maps[0, 20, 31] = 300.0
+    places = leaves(flat(maps), 16, 4)
+    frame = objective.target(flat(maps), CORNERS, places)
+    dark = on_leaves(flat(torch.full_like(maps, 0.1)), places)
+    laid = objective.placed(dark, frame)[0]
+    lamp = grid(64).directions[20 * 128 + 31]
+    near = (places.directions[0].mT @ lamp) > 0.87  # 30 degrees: all but the broad probes
+    far = (places.directions[0].mT @ lamp) < -0.5
+    dense = laid / places.share[0].clamp(min=1e-12)  # a refined cell has no share of its own
+    seen = places.share[0] > 0
+    assert float(dense[near & seen].mean()) > 5 * float(dense[far & seen].mean())
