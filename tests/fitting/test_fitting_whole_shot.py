@@ -72,7 +72,11 @@ def test_a_noisy_shot_becomes_no_worse() -> None:
     for frame, radiance in enumerate(maps):
         before = frame_errors(shot[frame], radiance).values
         after = frame_errors(found[frame], radiance).values
-        assert after["env"] < 1.02 * before["env"]  # half of what is asked is not the map's error
+        assert after["r0.5"] < 1.02 * before["r0.5"]
+        assert after["r0.25"] < 1.02 * before["r0.25"]
+        assert (
+            after["env"] < 1.15 * before["env"]
+        )  # a small part of what is asked, on a map of noise
         assert after["flux"] < 2e-4  # judged on texel centres: (pi / 64)^2 / 24
         assert 0 < losses[frame] < 1
 
