@@ -113,6 +113,7 @@ def directions(source: Probe, rows: int) -> Tensor:
     return latlong.direction_from_uv(u[None, :], v[:, None]).flatten(0, 1).float()
 
 
+@lru_cache(maxsize=64)
 def _stride(source: Probe, rows: int) -> int:
     """Return the texels from view to view along a ring: as far apart as the rings, at most.
 
