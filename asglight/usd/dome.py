@@ -5,8 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from asglight.images import ocio, write_exr
-from asglight.lobes import LobeTracks, texels
+from asglight.lobes import LobeTracks
 from asglight.lobes.data import Lobes
+from asglight.usd import dome_texels
 from asglight.usd.spaces import Space, to_stage
 
 
@@ -34,7 +35,7 @@ def write_textures(
     chromaticities = ocio.chromaticities(space.colorspace)
     for index, path in enumerate(paths):
         lobes = to_stage(tracks.lobes[index].to("cpu"), colors)
-        radiance = texels.texel_means(lobes, height, 2 * height)
+        radiance = dome_texels.interpolated(lobes, height)
         write_exr(path, radiance, chromaticities=chromaticities)
     return paths
 

@@ -179,8 +179,8 @@ def test_a_lobe_keeps_the_kind_of_light_that_it_has_in_the_stage(tmp_path):
     _, fill = after["/AsgRig/Fill.inputs:texture:file"]
     for image, amplitude in zip(fill[1:], tracks.lobes.amplitude[:, 0], strict=True):
         peak = float(read_latlong(image.resolvedPath).radiance.amax())
-        # the mean of the brightest texel, whose centre may be half a texel away
-        assert 0.7 * float(amplitude.amax()) < peak < float(amplitude.amax())
+        # the brightest texel's centre may be half a texel away; texels hold narrower lobes
+        assert 0.7 * float(amplitude.amax()) < peak < 1.1 * float(amplitude.amax())
 
 
 def test_the_fill_is_written_anew_only_for_a_lobe_in_it(tmp_path):

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What linear interpolation makes of a dome's texels, held against the lobes' exact moments."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from asglight.lobes import Form, Lobes, asg
+from asglight.lobes.frames import axes_around
+from asglight.usd import dome_texels
+
+HEIGHT = 128
+TEXEL = math.pi / HEIGHT
+FINER = 6
+
+PLACES = {
+    "centre": (64, 128.5),
+    "between": (61.5, 190.0),
+    "quarter": (40.25, 255.75),  # over the seam
+    "steep": (19.6, 60.2),
+}
+"""Of the lobe's axis, in rows and columns from the first texel's corner."""
+
+
+def direction(row: float, column: float) -> torch.Tensor:
+    """Return where a place of the image is; texel centres are at halves.  [3]."""
+    lat, lon = math.pi * (0.5 - row / HEIGHT), math.pi * (1 - column / HEIGHT)
+    x, y, z = math.cos(lat) * math.sin(lon), math.sin(lat), math.cos(lat) * math.cos(lon)
+    return torch.tensor([x, y, z], dtype=torch.float64)
+
+
+def lobe(place: str, sigma_x: float, sigma_y: float, form: Form = Form.ASG) -> Lobes:
+    """Return a lobe of these standard deviations in texels, its axes turned by 25 degrees."""
+    axes = axes_around(direction(*PLACES[place])[None])[0]
+    c, s = math.cos(0.44), math.sin(0.44)
+    axes = torch.stack([c * axes[0] + s * axes[1], c * axes[1] - s * axes[0], axes[2]])
+    variance = (torch.tensor([sigma_x, sigma_y]).double() * TEXEL) ** 2
+    sharpness = 1 / variance if form is Form.SG else 0.5 / variance
+    colour = torch.tensor([[3.0, 2.0, 1.0]]).double()
+    return Lobes(axes[None], sharpness[None], colour, form)
+
+
+def shown(image: torch.Tensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Interpolate an image as renderers do, by NumPy: directions [T, 3] and flux there [T, 3]."""
+    values = image.double().numpy()
+    y = (np.arange(FINER * HEIGHT) + 0.5) / FINER - 0.5
+    x = (np.arange(2 * FINER * HEIGHT) + 0.5) / FINER - 0.5
+    row, column = np.floor(y).astype(int), np.floor(x).astype(int)
+    down, right = (y - row)[:, None, None], (x - column)[None, :, None]
+    upper, lower = (values[np.clip(r, 0, HEIGHT - 1)] for r in (row, row + 1))
+    columns = column % (2 * HEIGHT), (column + 1) % (2 * HEIGHT)
+    upper, lower = (
+        (1 - right) * a[:, columns[0]] + right * a[:, columns[1]] for a in (upper, lower)
+    )
+    fine = (1 - down) * upper + down * lower
+    lat, lon = np.pi * (0.5 - (y + 0.5) / HEIGHT), np.pi * (1 - (x + 0.5) / HEIGHT)
+    lat, lon = np.meshgrid(lat, lon, indexing="ij")
+    where = np.stack([np.cos(lat) * np.sin(lon), np.sin(lat), np.cos(lat) * np.cos(lon)], -1)
+    flux = fine * ((TEXEL / FINER) ** 2 * np.cos(lat))[..., None]
+    return where.reshape(-1, 3), flux.reshape(-1, 3)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("sigmas", [(0.85, 0.85), (1.1, 1.1), (0.8, 3.0), (1.2, 9.0), (5.0, 7.0)])
+@pytest.mark.parametrize("form", [Form.ASG, Form.BINGHAM])
+def test_what_is_shown_has_the_lobes_moments(
+    form: Form, sigmas: tuple[float, float], place: str
+) -> None:
+    one = lobe(place, *sigmas, form)
+    directions, flux = shown(dome_texels.interpolated(one, HEIGHT))
+    # cos(latitude) over a tent of 2.8 degrees: 2e-4, and float32
+    np.testing.assert_allclose(flux.sum(0), asg.flux(one)[0].numpy(), rtol=5e-4)
+    local = directions @ one.axes[0].numpy().T
+    share = flux[:, 0] / flux[:, 0].sum()
+    exact = asg.moments(one)
+    squares = (exact.second[0] / exact.zeroth[0]).numpy()
+    # texels narrow with latitude, over a lobe too: a fifth of a tent at 62 degrees
+    np.testing.assert_allclose(share @ local**2, squares, rtol=1e-3, atol=0.033 * TEXEL**2)
+    assert abs(share @ (local[:, 0] * local[:, 1])) < 0.033 * TEXEL**2
+    if form is Form.ASG:
+        np.testing.assert_allclose(share @ local[:, :2], 0, atol=0.02 * TEXEL)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("form", Form)
+def test_a_point_keeps_flux_and_direction(form: Form, place: str) -> None:
+    one = lobe(place, 0.1, 0.1, form)
+    image = dome_texels.interpolated(one, HEIGHT)
+    assert float(image.min()) >= 0
+    directions, flux = shown(image)
+    np.testing.assert_allclose(flux.sum(0), asg.flux(one)[0].numpy(), rtol=5e-4)
+    share = flux[:, 0] / flux[:, 0].sum()
+    local = directions @ one.axes[0].numpy().T
+    if form is not Form.BINGHAM:
+        # mean radiances over texels put it half a texel off
+        np.testing.assert_allclose(share @ local[:, :2], 0, atol=0.02 * TEXEL)
+    # the tent, 1/6 each way, and 1/4 more between two texels each way
+    assert share @ (local[:, :2] ** 2).sum(1) < (2 / 6 + 2 / 4 + 0.02) * TEXEL**2
+
+
+def test_a_point_in_the_middle_of_a_texel_is_that_texel() -> None:
+    axes = axes_around(direction(20.5, 40.5)[None])
+    one = Lobes(axes, torch.full((1, 2), 1e6).double(), torch.ones(1, 3).double())
+    image = dome_texels.interpolated(one, HEIGHT)[..., 0]
+    # a lobe of 0.04 degrees reaches the neighbours by a hundredth
+    assert float(image[20, 40]) > 0.95 * float(image.sum())
+
+
+def test_lobes_of_all_widths_add_up() -> None:
+    lobes = [lobe("between", 0.2, 0.2), lobe("steep", 0.4, 6.0), lobe("quarter", 9.0, 4.0)]
+    axes, sharpness, amplitude = (
+        torch.cat(parts)
+        for parts in zip(*((o.axes, o.sharpness, o.amplitude) for o in lobes), strict=True)
+    )
+    together = Lobes(axes, sharpness, amplitude)
+    apart = sum(dome_texels.interpolated(one, HEIGHT) for one in lobes)
+    torch.testing.assert_close(dome_texels.interpolated(together, HEIGHT), apart)
+
+
+@pytest.mark.parametrize("sigma", [0.3, 1.0, 4.0, 12.0])
+def test_sg_lobes_keep_flux_and_spread(sigma: float) -> None:
+    one = lobe("quarter", sigma, sigma, Form.SG)
+    directions, flux = shown(dome_texels.interpolated(one, HEIGHT))
+    np.testing.assert_allclose(flux.sum(0), asg.flux(one)[0].numpy(), rtol=5e-4)
+    share = flux[:, 0] / flux[:, 0].sum()
+    exact = asg.moments(one)
+    spread = 1 - float(exact.first[0] / exact.zeroth[0])
+    found = 1 - share @ (directions @ one.axis_z[0].numpy())
+    # those of more than 0.05 radian are not narrowed: 1/6 square texel each way
+    assert found == pytest.approx(spread, abs=(1 / 6 + 0.3 * (sigma < 0.5) + 0.01) * TEXEL**2)
