@@ -3,7 +3,8 @@
 
 For the nodes, d = (x, r sin t, r cos t) in the lobe's frame with r = sqrt(1 - x^2) and x the
 narrower axis: dw = dx dt, everything is smooth up to the edge of the hemisphere, and Gauss and
-Legendre's rule serves both.
+Legendre's rule serves both. A narrow lobe of the form sg ends before that, one of the form bingham
+has two such halves.
 """
 
 import math
@@ -32,13 +33,10 @@ def light_of(lobes: Lobes) -> Light:
     """Return the lobes of one frame as a light.
 
     Args:
-        lobes: N lobes of the form asg.  [N, .]
+        lobes: N lobes.  [N, .]
     """
-    if lobes.form is not Form.ASG:
-        raise ValueError(f"{lobes.form} lobes; nodes are known for asg only")
     lobes = lobes.to(torch.float64)
-    width = (2 * lobes.sharpness.amax(-1)).rsqrt()
-    is_broad = width > BROAD_TEXELS * math.pi / ROWS
+    is_broad = texels.lobe_width(lobes) > BROAD_TEXELS * math.pi / ROWS
     radiance = texels.texel_means(lobes.select(is_broad), ROWS, 2 * ROWS)
     nodes = [_nodes(lobes.select(index[None])) for index in (~is_broad).nonzero().flatten()]
     directions = [torch.zeros(0, 3, dtype=torch.float64)] + [where for where, _ in nodes]
@@ -64,7 +62,8 @@ def _nodes(lobe: Lobes) -> tuple[Tensor, Tensor]:
     axes, sharpness = lobe.axes[0], lobe.sharpness[0]
     if sharpness[0] < sharpness[1]:  # x is to be the narrower; which way it points matters not
         axes, sharpness = axes[[1, 0, 2]], sharpness[[1, 0]]
-    reach = (_REACH * (2 * sharpness).rsqrt()).clamp(max=1).tolist()
+    per_variance = 1 if lobe.form is Form.SG else 2
+    reach = (_REACH * (per_variance * sharpness).rsqrt()).clamp(max=1).tolist()
     x, weight_x = gauss(-reach[0], reach[0], _NODE)
     turn = math.asin(reach[1])
     t, weight_t = gauss(-turn, turn, _NODE)
@@ -72,4 +71,7 @@ def _nodes(lobe: Lobes) -> tuple[Tensor, Tensor]:
     local = torch.stack([x[:, None].expand(-1, len(t)), radius * t.sin(), radius * t.cos()], -1)
     directions = local.view(-1, 3) @ axes
     weights = (weight_x[:, None] * weight_t).view(-1, 1)
-    return directions, weights * asg.evaluate(lobe, directions)
+    flux = weights * asg.evaluate(lobe, directions)
+    if lobe.form is Form.BINGHAM:  # the same from behind
+        return torch.cat([directions, -directions]), torch.cat([flux, flux])
+    return directions, flux

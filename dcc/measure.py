@@ -64,8 +64,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--sequences", type=Path, default=Path("../shared/sequences"), metavar="DIR")
     add("--short", action="store_true", help="one frame of the built-in sky, Blender only")
     add("--frames", type=int, default=3, metavar="N", help="frames of each sequence (3)")
-    add("--size", type=int, default=24, metavar="S", help="pixels across a ball (24)")
-    add("--samples", type=int, default=4096, metavar="N", help="of a pixel and seed (4096)")
+    add("--size", type=int, default=16, metavar="S", help="pixels across a ball (16)")
+    add("--samples", type=int, default=1024, metavar="N", help="of a pixel and seed (1024)")
     add("-o", "--output", type=Path, default=Path("dcc-output"), metavar="DIR")
     return parser
 

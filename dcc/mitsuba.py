@@ -6,18 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from asglight.images import read_latlong
 from asglight.usd import Representation
-from dcc import lobe_light, quadrature, renderers, rows, scene, usdlux
+from dcc import images, lobe_light, quadrature, renderers, rows, scene
 from dcc.blender import ORIGINAL, SEEDS, Task
 from dcc.quadrature import Light
 from dcc.rows import Array, Row
 from dcc.shots import Shot
 
 SAMPLES_TIMES = 4
-"""As many samples as Cycles for the same noise: its sensors of one ray draw independent samples."""
+"""As many samples as Cycles: its sensors of one ray draw independent ones, which are noisier."""
 
 
 def render(task: Task) -> None:
@@ -57,16 +56,16 @@ def _out(task: Task, shot: Shot, kind: str) -> Path:
 
 
 def _rows(task: Task, shot: Shot) -> Iterator[Row]:
-    frame, images = _frame(shot), _images(shot)
-    original, image = (read_latlong(path).radiance for path in images.values())
+    frame, paths = _frame(shot), _images(shot)
+    original, image = (read_latlong(path).radiance for path in paths.values())
     lights = [
         quadrature.broad(quadrature.at_rows(original)),
         lobe_light.light_of(shot.lobes(frame)),
-        quadrature.broad(as_mitsuba(original)),
-        quadrature.broad(as_mitsuba(image)),
+        images.as_read(original, on_poles=True),
+        images.as_read(image, on_poles=True),
     ]
     pixels = scene.judged(task.size)
-    rendered = {kind: np.load(_out(task, shot, kind))["balls"].astype(float) for kind in images}
+    rendered = {kind: np.load(_out(task, shot, kind))["balls"].astype(float) for kind in paths}
     for index, (material, roughness) in enumerate(scene.MATERIALS.items()):
         of_original, lobes, *as_read = _integrals(lights, task.size, roughness)
         reference = rendered[ORIGINAL][:, :, index][:, :, pixels].mean(0)
@@ -89,24 +88,6 @@ def _rows(task: Task, shot: Shot) -> Iterator[Row]:
                 None if is_original else rows.relative_rms(found, reference),
                 rows.noise(seeds),
             )
-
-
-def as_mitsuba(image: Tensor) -> Tensor:
-    """Return an image as Mitsuba reads it: interpolated, its first and last row on the poles.
-
-    UsdLux and Blender put them half a row beside.  [H, W, 3] -> [256, 512, 3]
-    """
-    height, width = image.shape[:2]
-    size = usdlux.FINE * quadrature.ROWS
-    y = (torch.arange(size) + 0.5) / size * (height - 1)
-    x = (torch.arange(2 * size) + 0.5) / (2 * size) * width - 0.5
-    row, column = y.long().clamp(max=height - 2), x.floor().long()
-    down, right = (y - row)[:, None, None], (x - column)[None, :, None]
-    upper, lower = (
-        torch.lerp(rows_of[:, column % width], rows_of[:, (column + 1) % width], right)
-        for rows_of in (image[row], image[row + 1])
-    )
-    return usdlux.texel_means(torch.lerp(upper, lower, down))
 
 
 def _integrals(lights: list[Light], size: int, roughness: float | None) -> Array:

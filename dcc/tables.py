@@ -27,8 +27,8 @@ def ball_table(balls: Iterable[Row]) -> str:
     lines = []
     for row in balls:
         limit = limit_of(row)
-        verdict = "" if limit is None else f"{limit.aim:.0%}"
-        if limit is not None and row.export > limit.aim:
+        verdict = "" if limit is None else f"{limit.of} {limit.most:.0%}"
+        if limit is not None and getattr(row, limit.of) > limit.most:
             verdict += ", missed"
         words = [str(getattr(row, name)) for name in _HEADS]
         lines.append([*words, *(_percent(getattr(row, name)) for name in errors), verdict])

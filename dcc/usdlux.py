@@ -2,11 +2,11 @@
 """What a stage's lights send to the origin, as UsdLux defines them.
 
 Written from the schema alone, without asglight's writer, so that it can tell an error of the
-writer's formulas from one of a renderer. Rect, distant and dome lights; in a Z-up stage directions
-are turned back to asglight's +Y up. From usdLux/schema.usda of usd-core 26.11.
+writer's formulas from one of a renderer. Rect, distant and dome lights; domes are interpolated as
+Cycles does, which UsdLux leaves open (`images.py`). In a Z-up stage directions are turned back to
+asglight's +Y up. From usdLux/schema.usda of usd-core 26.11.
 """
 
-import functools
 import math
 from pathlib import Path
 
@@ -16,11 +16,10 @@ from torch import Tensor
 
 from asglight.images import read_latlong
 from asglight.sphere import latlong
+from dcc import images
+from dcc.images import FINE, fine_grid, texel_means
 from dcc.lobe_light import gauss
 from dcc.quadrature import ROWS, Light, broad
-
-FINE = 4
-"""Points across a texel: edges of lights are right to a quarter of a texel, fluxes exactly."""
 
 _NARROW = math.radians(12)
 """Lights narrower than that, sixteen texels, get nodes of their own."""
@@ -51,7 +50,7 @@ def light_of(path: Path, time: float = 0.0, *, blender_distant: bool = False) ->
         elif prim.IsA(UsdLux.DistantLight):
             found.append(_distant(UsdLux.DistantLight(prim), time, blender_distant))
         elif prim.IsA(UsdLux.DomeLight):
-            found.append(broad(_dome(UsdLux.DomeLight(prim), time)))
+            found.append(_dome(UsdLux.DomeLight(prim), time))
         elif prim.HasAPI(UsdLux.LightAPI):
             raise ValueError(f"{prim.GetPath()}: a {prim.GetTypeName()}, which is not known here")
     return Light(
@@ -126,16 +125,12 @@ def _distant(light: UsdLux.DistantLight, time: float, as_blender: bool) -> Light
     return broad(_spread(z >= math.cos(seen), 2 * math.pi * (1 - math.cos(seen))) * radiance)
 
 
-def _dome(light: UsdLux.DomeLight, time: float) -> Tensor:
+def _dome(light: UsdLux.DomeLight, time: float) -> Light:
     """Return the dome's image, turned as its light is."""
     axes, _ = _frame(light, time)
     image = read_latlong(light.GetTextureFileAttr().Get(time).resolvedPath).radiance
-    local = torch.stack(_fine_directions(axes), dim=-1)
-    u, v = latlong.uv_from_direction(local)
-    height, width = image.shape[:2]
-    row = (v * height).long().clamp(max=height - 1)
-    column = (u * width).long() % width
-    return texel_means(image[row, column]) * _emission(light, time)
+    fine = images.read(image, _fine_directions(axes))
+    return images.light_of(fine * _emission(light, time).float())
 
 
 def _emission(light: UsdLux.BoundableLightBase, time: float) -> Tensor:
@@ -158,25 +153,13 @@ def _frame(light: UsdGeom.Xformable, time: float) -> tuple[Tensor, Tensor]:
 
 
 def _fine_directions(axes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return directions of a grid four times as fine in a light's axes.  [4H, 4W] each."""
-    x, y, z = axes.float() @ _fine_grid()
+    """Return directions of the fine grid in a light's axes.  [4H, 4W] each.
+
+    Edges of lights are right to a quarter of a texel; fluxes are made exact.
+    """
+    x, y, z = axes.float() @ fine_grid()
     shape = (FINE * ROWS, 2 * FINE * ROWS)
     return x.view(shape), y.view(shape), z.view(shape)
-
-
-@functools.cache
-def _fine_grid() -> Tensor:
-    """Return the directions of the fine grid.  [3, 4H 4W]."""
-    size = FINE * ROWS
-    return latlong.directions(size, 2 * size).view(-1, 3).mT.contiguous()
-
-
-def texel_means(fine: Tensor) -> Tensor:
-    """Average a grid four times as fine by solid angle.  [4H, 4W, C] -> [H, W, C]."""
-    weights = latlong.texel_solid_angles(len(fine), 2 * len(fine))[..., None]
-    blocks = (ROWS, FINE, 2 * ROWS, FINE, -1)
-    sums = (fine * weights).view(blocks).sum((1, 3))
-    return sums.double() / weights.reshape(blocks).sum((1, 3)).double()
 
 
 def _narrow(directions: Tensor, flux: Tensor) -> Light:

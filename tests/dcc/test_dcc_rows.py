@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from asglight.errors import InputError
-from dcc import measure, renderers, rows, shots, tables
+from dcc import measure, renderers, rows, scene, shots, tables
 from dcc.rows import FacingRow, Row
 
 GOOD = Row("Blender", "day", 1001, "Y", "dome", "matte", 0.002, 0.005, 0.004, 0.004, 0.006, 0.002)
@@ -25,30 +25,49 @@ def test_errors_by_hand() -> None:
     assert rows.relative_mean(found, expected) == pytest.approx(1 / 3)
 
 
-def test_noise_is_that_of_the_mean_of_two_renders() -> None:
-    draws = np.random.default_rng(0).normal(1.0, 0.1, (2, 100_000))
-    # a deviation of 0.1 of each, over sqrt(2); 100,000 draws know it to 0.3 %
-    assert rows.noise(draws) == pytest.approx(0.1 / 2**0.5, rel=0.01)
+@pytest.mark.parametrize("count", [2, 4])
+def test_noise_is_that_of_the_mean_of_all_renders(count: int) -> None:
+    draws = np.random.default_rng(0).normal(1.0, 0.1, (count, 100_000))
+    # a deviation of 0.1 of each, over sqrt(count); 100,000 draws know it to 0.3 %
+    assert rows.noise(draws) == pytest.approx(0.1 / count**0.5, rel=0.01)
 
 
 def test_a_row_within_its_limit_is_no_failure() -> None:
     assert failures() == []
 
 
-def test_a_dome_above_its_limit_fails() -> None:
-    assert failures(export=0.011) == [
-        "Blender day 1001 Y-up dome matte: 1.10%, above 1.0%",
+@pytest.mark.parametrize(
+    ("program", "representation", "most"),
+    [("Blender", "dome", 0.01), ("Blender", "cards", 0.03)],
+)
+@pytest.mark.parametrize("material", scene.MATERIALS)
+def test_an_export_above_its_limit_fails(
+    program: str, representation: str, most: float, material: str
+) -> None:
+    row = {"program": program, "representation": representation, "material": material}
+    assert failures(export=0.99 * most, **row) == []
+    assert failures(export=1.1 * most, **row) == [
+        f"{program} day 1001 Y-up {representation} {material}: export {1.1 * most:.2%}, "
+        f"above {most:.1%}",
     ]
 
 
-def test_what_is_known_to_miss_fails_only_beyond_its_bound() -> None:
-    known = rows.LIMITS["cards", "r0.5"]
-    assert known.today is not None
-    assert known.today > known.aim
-    assert known.why
-    cards = {"representation": "cards", "material": "r0.5"}
-    assert failures(export=0.9 * known.today, **cards) == []
-    assert len(failures(export=1.1 * known.today, **cards)) == 1
+@pytest.mark.parametrize(
+    ("program", "representation", "most"),
+    [("Blender", "original", 0.01), ("Mitsuba", "original", 0.02), ("Mitsuba", "dome", 0.02)],
+)
+def test_what_is_judged_as_the_program_reads_it_says_why(
+    program: str, representation: str, most: float
+) -> None:
+    row = {"program": program, "representation": representation}
+    assert failures(export=0.1, reading=0.99 * most, **row) == []
+    (line,) = failures(export=0.1, reading=1.1 * most, **row)
+    assert f"reading {1.1 * most:.2%}, above {most:.1%}" in line
+    assert rows.LIMITS[program, representation].why
+
+
+def test_balls_under_distant_lights_have_no_limit() -> None:
+    assert failures(representation="distant", export=0.7, noise=0.02) == []
 
 
 def test_a_noisy_render_proves_nothing() -> None:
@@ -69,8 +88,8 @@ def test_the_table_says_what_is_missed() -> None:
     missed = dataclasses.replace(GOOD, export=0.02, fit=None)
     head, _, first, second = tables.ball_table([GOOD, missed]).splitlines()
     assert head.count("|") == first.count("|") == second.count("|")
-    assert first.endswith("| 0.20 | 0.50 | 0.40 | 0.40 | 0.60 | 0.20 | 1% |")
-    assert second.endswith("|  | 2.00 | 0.40 | 0.40 | 0.60 | 0.20 | 1%, missed |")
+    assert first.endswith("| 0.20 | 0.50 | 0.40 | 0.40 | 0.60 | 0.20 | export 1% |")
+    assert second.endswith("|  | 2.00 | 0.40 | 0.40 | 0.60 | 0.20 | export 1%, missed |")
     assert (
         tables.facing_table([FACING]).splitlines()[-1].endswith("| 3 | 0.10 | 12 | 0.40 | 0.010° |")
     )
