@@ -133,7 +133,7 @@ def draw(
 def caption(row: dict[str, Any]) -> str:
     """Say how far a ball is from the original and from its lobes."""
     if row["total"] is None:
-        return f"{100 * row['export']:.1f} % from its integral"
+        return f"{100 * row['reading']:.1f} % from its integral"
     return f"{100 * row['total']:.1f} % from the HDRI\n{100 * row['export']:.1f} % from the lobes"
 
 

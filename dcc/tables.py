@@ -5,14 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from dcc.rows import FacingRow, Row, limit_of
 
-_HEADS = {
-    "program": "program",
-    "sequence": "sequence",
-    "frame": "frame",
-    "up_axis": "up",
-    "representation": "stage shows",
-    "material": "ball",
-}
+ERRORS = ("fit", "export", "mean_export", "reading", "total", "noise")
 
 
 def markdown(balls: Sequence[Row], facing: Sequence[FacingRow]) -> str:
@@ -21,18 +14,31 @@ def markdown(balls: Sequence[Row], facing: Sequence[FacingRow]) -> str:
 
 
 def ball_table(balls: Iterable[Row]) -> str:
-    """Return one line for each ball, in percent."""
-    errors = ("fit", "export", "mean_export", "reading", "total", "noise")
-    head = [*_HEADS.values(), *(name.replace("_", " ") for name in errors), "limit"]
-    lines = []
+    """Return one line for each picture, the balls beside each other in each cell, in percent."""
+    pictures: dict[tuple[str, ...], list[Row]] = {}
     for row in balls:
-        limit = limit_of(row)
-        verdict = "" if limit is None else f"{limit.of} {limit.most:.0%}"
-        if limit is not None and getattr(row, limit.of) > limit.most:
-            verdict += ", missed"
-        words = [str(getattr(row, name)) for name in _HEADS]
-        lines.append([*words, *(_percent(getattr(row, name)) for name in errors), verdict])
+        key = row.program, row.sequence, str(row.frame), row.up_axis, row.representation
+        pictures.setdefault(key, []).append(row)
+    head = ["program", "sequence", "frame", "up", "stage shows"]
+    head += [*(name.replace("_", " ") for name in ERRORS), "limit"]
+    lines = [
+        [*key, *(_cell(rows, name) for name in ERRORS), _verdict(rows)]
+        for key, rows in pictures.items()
+    ]
     return _table(head, lines)
+
+
+def _cell(rows: Sequence[Row], name: str) -> str:
+    values = [getattr(row, name) for row in rows]
+    return "" if None in values else " / ".join(map(_percent, values))
+
+
+def _verdict(rows: Sequence[Row]) -> str:
+    limit = limit_of(rows[0])
+    if limit is None:
+        return ""
+    missed = any(getattr(row, limit.of) > limit.most for row in rows)
+    return f"{limit.of} {limit.most:.0%}" + ", missed" * missed
 
 
 def facing_table(facing: Iterable[FacingRow]) -> str:
@@ -65,8 +71,8 @@ def facing_table(facing: Iterable[FacingRow]) -> str:
     return _table(head, lines)
 
 
-def _percent(value: float | None) -> str:
-    return "" if value is None else f"{100 * value:.2f}"
+def _percent(value: float) -> str:
+    return f"{100 * value:.2f}"
 
 
 def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:

@@ -85,11 +85,13 @@ def test_distant_lights_are_judged_by_irradiance_and_direction() -> None:
 
 
 def test_the_table_says_what_is_missed() -> None:
-    missed = dataclasses.replace(GOOD, export=0.02, fit=None)
-    head, _, first, second = tables.ball_table([GOOD, missed]).splitlines()
+    sharp = dataclasses.replace(GOOD, material="r0.5", export=0.02)
+    original = dataclasses.replace(GOOD, representation="original", fit=None, total=None)
+    head, _, first, second = tables.ball_table([GOOD, sharp, original]).splitlines()
     assert head.count("|") == first.count("|") == second.count("|")
-    assert first.endswith("| 0.20 | 0.50 | 0.40 | 0.40 | 0.60 | 0.20 | export 1% |")
-    assert second.endswith("|  | 2.00 | 0.40 | 0.40 | 0.60 | 0.20 | export 1%, missed |")
+    assert first.startswith("| Blender | day | 1001 | Y | dome | 0.20 / 0.20 | 0.50 / 2.00 | ")
+    assert first.endswith("| 0.60 / 0.60 | 0.20 / 0.20 | export 1%, missed |")
+    assert second.endswith("| original |  | 0.50 | 0.40 | 0.40 |  | 0.20 | reading 1% |")
     assert (
         tables.facing_table([FACING]).splitlines()[-1].endswith("| 3 | 0.10 | 12 | 0.40 | 0.010° |")
     )
