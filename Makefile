@@ -57,7 +57,7 @@ test-dcc: setup setup-dcc  ## stages of SEQUENCES in Blender and Mitsuba: tables
 	$(BIN)/python -m dcc.measure --sequences "$(SEQUENCES)" -o dcc-output
 
 test-dcc-short: setup setup-dcc  ## the same on one frame of the built-in sky, Blender only
-	$(BIN)/python -m dcc.measure --short --size 12 -o dcc-output/short
+	$(BIN)/python -m dcc.measure --short --size 12 --samples 1536 -o dcc-output/short
 
 dcc-picture: setup setup-dcc  ## what Blender shows, as the README has it; after test-dcc
 	$(BIN)/python -m dcc.picture --measured dcc-output -o docs/images/dcc.png
