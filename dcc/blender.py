@@ -35,6 +35,9 @@ of what it is every sixteenth time; with four hardly ever."""
 
 FACING_SAMPLES = 64
 
+ROUNDS = 4
+"""Renders with too much noise are made again with twice the samples, so often at most."""
+
 
 @dataclass(frozen=True)
 class Task:
@@ -63,10 +66,23 @@ class Task:
 
 
 def render(task: Task) -> None:
-    """Render everything."""
+    """Render everything, and what is too noisy again with more samples."""
     (task.output / "renders").mkdir(parents=True, exist_ok=True)
     jobs = [job for shot, frame, image in task.frames() for job in _jobs(task, shot, frame, image)]
-    renderers.run("dcc.blender_render", jobs, task.output)
+    for _ in range(ROUNDS):
+        renderers.run("dcc.blender_render", jobs, task.output)
+        jobs = [job | {"samples": 2 * job["samples"]} for job in jobs if is_noisy(job)]
+        if not jobs:
+            return
+
+
+def is_noisy(job: dict[str, Any]) -> bool:
+    """Tell whether what a job rendered has more noise than its limit bears."""
+    if "noise" not in job:
+        return False
+    balls = np.load(job["out"])["balls"].astype(np.float64)
+    seen = balls[..., scene.judged(job["size"]), :]
+    return any(rows.noise(seen[:, :, index]) > job["noise"] for index in range(seen.shape[2]))
 
 
 def judged(task: Task) -> tuple[list[Row], list[FacingRow]]:
@@ -116,7 +132,9 @@ def _jobs(task: Task, shot: Shot, frame: int, image: Path) -> Iterator[dict[str,
 
     def job(stage: Path, rows_of_image: int, *words: object) -> dict[str, Any]:
         out = task.out(shot.name, frame, *words)
-        return {"stage": str(stage), "out": str(out.resolve()), "rows": rows_of_image, **common}
+        made = {"stage": str(stage), "out": str(out.resolve()), "rows": rows_of_image, **common}
+        limit = rows.LIMITS.get(("Blender", str(words[-1])))
+        return made if limit is None else made | {"noise": limit.most * rows.NOISE_SHARE}
 
     stage = stages.original(image, folder / f"{shot.name}-{frame}.usda")
     yield job(stage.resolve(), rows_of(image), "Y", ORIGINAL)
@@ -129,7 +147,7 @@ def _jobs(task: Task, shot: Shot, frame: int, image: Path) -> Iterator[dict[str,
             yield made
             if representation is Representation.DISTANT:
                 out = task.out(shot.name, frame, axis, "facing")
-                made = made | {"kind": "facing", "samples": FACING_SAMPLES}
+                made |= {"kind": "facing", "samples": FACING_SAMPLES}
                 yield made | {"out": str(out.resolve())}
 
 
