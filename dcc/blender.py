@@ -147,7 +147,7 @@ def _jobs(task: Task, shot: Shot, frame: int, image: Path) -> Iterator[dict[str,
             yield made
             if representation is Representation.DISTANT:
                 out = task.out(shot.name, frame, axis, "facing")
-                made |= {"kind": "facing", "samples": FACING_SAMPLES}
+                made = made | {"kind": "facing", "samples": FACING_SAMPLES}
                 yield made | {"out": str(out.resolve())}
 
 
