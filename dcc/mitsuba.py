@@ -15,7 +15,7 @@ from dcc.quadrature import Light
 from dcc.rows import Array, Row
 from dcc.shots import Shot
 
-SAMPLES_TIMES = 16
+SAMPLES_TIMES = 32
 """As many samples as Cycles: its sensors of one ray draw independent ones, which are noisier."""
 
 
