@@ -35,8 +35,12 @@ which does not know where the lobes go."""
 HELD = 1e3
 """Weight of the temporal term that keeps a lobe as it is: far above all else in J."""
 
+JUMP_DEG = 10.0
+"""A lobe that turns further was dark and sent, or there is a cut. One at the end of its leash of
+9.9 degrees is neither, however its angle is rounded."""
+
 CUT_SHARE = 0.5
-"""Between frames that are no cut, less than this share of the flux turns beyond the leash."""
+"""Between frames that are no cut, less than this share of the flux that both have jumps."""
 
 
 def refine_shot(
@@ -118,7 +122,7 @@ def _between(shot: Lobes, index: Tensor, frames: list[Exposed]) -> tuple[Lobes, 
     ]
     furthest = torch.maximum(*held)
     # a dark lobe may be on its way, and one that was sent far may not light up where it waits
-    stays = temporal.is_dark(own) | (furthest > LEASH_DEG)
+    stays = temporal.is_dark(own) | (furthest > JUMP_DEG)
     still = temporal.prior(own)
     priors.append(replace(still, share=HELD * stays.to(still.share)))
     room = (LEASH_DEG - furthest).clamp(min=0)
@@ -152,9 +156,12 @@ def _turned_deg(lobes: Lobes, other: Lobes) -> Tensor:
 
 
 def _same_shot(lobes: Lobes, other: Lobes, turned: Tensor) -> Tensor:
-    """Tell which frames are not parted by a cut.  [F]."""
-    flux = torch.maximum(asg.flux(lobes).sum(-1), asg.flux(other).sum(-1))
-    far = (flux * (turned > LEASH_DEG)).sum(-1)
+    """Tell which frames are not parted by a cut.  [F].
+
+    A lobe counts by the light it has in both: one that lights up elsewhere is no cut.
+    """
+    flux = torch.minimum(asg.flux(lobes).sum(-1), asg.flux(other).sum(-1))
+    far = (flux * (turned > JUMP_DEG)).sum(-1)
     return far < CUT_SHARE * flux.sum(-1).clamp(min=math.ulp(0.0))
 
 
