@@ -39,11 +39,11 @@ bench: setup     ## error against run time, in two minutes each, held against th
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
 	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
 
-test: setup      ## all tests
-	$(BIN)/python -m pytest
+test: setup      ## all tests, a file of them on each core at a time
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 test-fast: setup ## the tests of less than ten seconds each
-	$(BIN)/python -m pytest -m 'not slow'
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'
 
 test-usd: setup  ## stages in other versions of USD and under NVIDIA's validator (.usd-versions/)
 	.ci/usd-versions
