@@ -135,7 +135,7 @@ def moments(lobes: Lobes) -> Moments:
     """
     sharpness = lobes.sharpness.double()
     if lobes.form is Form.SG:
-        result = _sg_moments(sharpness[..., 0])
+        result = sg_moments(sharpness[..., 0])
     else:
         result = _disc_moments(sharpness, smooth=lobes.form is Form.ASG)
         if lobes.form is Form.BINGHAM:  # two equal hemispheres, whose first moments cancel
@@ -258,8 +258,12 @@ def _sg_integral(s: Tensor) -> Tensor:
     return -2 * math.pi * torch.expm1(-2 * s) / s
 
 
-def _sg_moments(s: Tensor) -> Moments:
-    """Return the moments of exp(s (z - 1)): von Mises-Fisher statistics without normalisation."""
+def sg_moments(s: Tensor) -> Moments:
+    """Return the moments of exp(s (z - 1)): von Mises-Fisher statistics without normalisation.
+
+    Args:
+        s: Sharpness, float64.  [...]
+    """
     zeroth = _sg_integral(s)
     small = s < 0.05  # there coth(s) - 1/s cancels; the series is exact to 2e-11
     safe = torch.where(small, 1.0, s)
