@@ -27,6 +27,13 @@ from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
 
 DIRECTION_COUNT = 768
+LOBE_ROWS = 64
+"""Of the maps that two shots of lobes are compared on. Texels have the lobes' exact means; what is
+left is the cosine's change over a texel, nearly the same for both."""
+
+FRAMES_AT_ONCE = 32
+"""Maps of two sets of lobes filtered together: 6 MB."""
+
 METRIC_NAMES = ("env", "flux", "irr", "irrMax", "r0.5", "r0.25")
 
 
@@ -102,6 +109,32 @@ def _lambert_errors(fit: Tensor, reference: Tensor) -> dict[str, float]:
 
 def _relative(fit: Tensor, reference: Tensor) -> float:
     return _ratio((fit - reference).abs().sum(), reference.sum())
+
+
+def irradiance_errors(lobes: Lobes, reference: Lobes) -> list[float]:
+    """Return irr of each frame of a shot whose reference is a shot of lobes too.
+
+    Args:
+        lobes: N lobes.  [F, N, .]
+        reference: M lobes.  [F, M, .]
+    """
+    directions = fibonacci_directions(DIRECTION_COUNT, dtype=torch.float32)
+    errors: list[float] = []
+    for first in range(0, len(lobes.axes), FRAMES_AT_ONCE):
+        some = slice(first, first + FRAMES_AT_ONCE)
+        shown, truth = (
+            kernels.filtered(_maps(shot[some]), kernels.LAMBERT, directions).double()
+            for shot in (lobes, reference)
+        )
+        errors += map(_relative, shown, truth)
+    return errors
+
+
+def _maps(lobes: Lobes) -> Tensor:
+    """Return the texel means of each frame.  [F, LOBE_ROWS, 2 LOBE_ROWS, 3]."""
+    exact = lobes.to(torch.float32)
+    frames = (exact[index] for index in range(len(exact.axes)))
+    return torch.stack([texels.texel_means(frame, LOBE_ROWS, 2 * LOBE_ROWS) for frame in frames])
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from asglight.judging import metrics
-from asglight.lobes import Form, Lobes
+from asglight.lobes import Form, Lobes, texels
 
 HEIGHT, WIDTH = 16, 32
 
@@ -232,3 +232,24 @@ def test_maps_judged_together_get_the_errors_that_each_gets_alone() -> None:
         # sums of a wider matrix product may run in another order
         assert found.values == pytest.approx(alone.values, rel=1e-12)
         torch.testing.assert_close(found.fit_filtered, alone.fit_filtered)
+
+
+def test_irradiance_errors_are_irr_of_each_frame_on_a_map_of_the_lobes() -> None:
+    generator = torch.Generator().manual_seed(1)
+    count = metrics.FRAMES_AT_ONCE + 2  # more than one piece
+    shots = [
+        Lobes(
+            torch.eye(3).expand(count, 2, 3, 3),
+            10 ** torch.rand(count, 2, 2, generator=generator),
+            torch.rand(count, 2, 3, generator=generator),
+            Form.ASG,
+        )
+        for _ in range(2)
+    ]
+    found = metrics.irradiance_errors(*shots)
+    assert len(found) == count
+    for index in (0, count - 1):
+        lobes, reference = (shot[index] for shot in shots)
+        maps = texels.texel_means(reference, metrics.LOBE_ROWS, 2 * metrics.LOBE_ROWS)
+        expected = metrics.frame_errors(lobes, maps).values["irr"]
+        assert found[index] == pytest.approx(expected, rel=1e-5)  # sums in another order
