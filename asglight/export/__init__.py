@@ -1,7 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lobes for real-time engines: tracks as JSON, surfaces under them as a GLSL include."""
+"""Lobes for other programs: tracks as JSON, surfaces under them as a GLSL include, SG arrays."""
 
 from asglight.export.environment import write_glsl
+from asglight.export.sg_array import SgLayout, read_sg_array, write_sg_array
 from asglight.export.track_file import read_json, write_json
 
-__all__ = ["read_json", "write_glsl", "write_json"]
+__all__ = [
+    "SgLayout",
+    "read_json",
+    "read_sg_array",
+    "write_glsl",
+    "write_json",
+    "write_sg_array",
+]

@@ -29,6 +29,9 @@ FORMAT, VERSION = "asglight lobes", 1
 SAMPLES_MAX = 1_000_000
 """Frames times lobes: 46 minutes of 15 lobes at 24 frames a second, 36 MB in memory."""
 
+FRAME_MAX = 2**31 - 1
+"""Frame numbers have 32 bits, as in most programs that read them."""
+
 BYTES_MAX = 256_000_000
 """A file of SAMPLES_MAX is half as large; more is no track file and would fill the memory."""
 
@@ -61,7 +64,7 @@ def write_json(path: str | Path, tracks: LobeTracks, names: Sequence[str]) -> No
         InputError: The file cannot be written there, or there are more samples than SAMPLES_MAX.
     """
     path = Path(path)
-    _check_samples(path, len(tracks.frames), tracks.lobes.count)
+    check_samples(path, len(tracks.frames), tracks.lobes.count)
     lobes = tracks.lobes.to("cpu")
     turns = frames.continuous_quaternions(frames.quaternion_from_axes(lobes.axes.double()))
     header = {
@@ -152,7 +155,7 @@ def _parsed(path: Path) -> dict[str, Any]:
 
 def _frames(path: Path, listed: Any) -> tuple[int, ...]:
     is_whole = isinstance(listed, list) and all(
-        type(frame) is int and abs(frame) <= 2**31 for frame in listed
+        type(frame) is int and abs(frame) <= FRAME_MAX for frame in listed
     )
     if not is_whole or not listed or any(b <= a for a, b in itertools.pairwise(listed)):
         _fail(path, "frames are damaged", "ascending whole numbers of 32 bits")
@@ -163,7 +166,7 @@ def _lobes(path: Path, rows: Any, numbers: tuple[int, ...], form: Form) -> Lobes
     """Read the lobes of all frames and check them.  [F, N, .]."""
     if not (isinstance(rows, list) and rows and all(isinstance(row, dict) for row in rows)):
         _fail(path, "lobes are damaged", "a list of objects")
-    _check_samples(path, len(numbers), len(rows))
+    check_samples(path, len(numbers), len(rows))
 
     def stacked(
         key: str, width: int, is_good: Callable[[NDArray[np.float32]], Any], expected: str
@@ -215,7 +218,12 @@ def _is_number(value: Any) -> TypeGuard[float]:
     return type(value) is float or (type(value) is int and abs(value) < 2**63)
 
 
-def _check_samples(path: Path, frame_count: int, lobe_count: int) -> None:
+def check_samples(path: Path, frame_count: int, lobe_count: int) -> None:
+    """Refuse more samples than SAMPLES_MAX.
+
+    Raises:
+        InputError: There are more.
+    """
     if frame_count * lobe_count > SAMPLES_MAX:
         raise InputError(
             f"{shown(path)}: {lobe_count} lobes in {frame_count} frames; expected at most "
