@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`asglight export`: a stage's lobes for real-time engines, as JSON or as a GLSL include."""
+"""`asglight export`: a stage's lobes for engines, as JSON or GLSL, or as the arrays of peers."""
 
 import argparse
 from dataclasses import replace
@@ -8,9 +8,13 @@ from pathlib import Path
 from asglight.cli.frames import chosen_frames
 from asglight.cli.printing import counted, frame_range, size
 from asglight.errors import InputError
-from asglight.lobes import LobeTracks
+from asglight.export import SgLayout
+from asglight.lobes import Form, Lobes, LobeTracks
 
-EXAMPLE = "asglight export shot.usda --to glsl --frame 1001 -o environment.glsl"
+EXAMPLE = (
+    "asglight export shot.usda --to glsl --frame 1001 -o environment.glsl\n"
+    "         asglight export shot.usda --to physg --frame 1001 -o lights.npy"
+)
 
 _OTHER_FILES = (".usd", ".usda", ".usdc", ".usdz", ".exr", ".hdr", ".f32")
 """Suffixes of what is surely meant to be kept: stages, images, blocks of frames."""
@@ -20,8 +24,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `export`."""
     add = parser.add_argument
     add("stage", metavar="STAGE", help="a stage that asglight has written")
-    formats = "json: lobe tracks as data; glsl: functions that shade with the lobes, as an include"
-    add("--to", required=True, choices=("json", "glsl"), help=formats)
+    formats = (
+        "json: lobe tracks as data; glsl: functions that shade with the lobes, as an include; "
+        "physg, nerd: the .npy array of spherical Gaussians that the program reads, [N, 7] of one "
+        "frame, [F, N, 7] of several"
+    )
+    add("--to", required=True, choices=("json", "glsl", *map(str, SgLayout)), help=formats)
     add("-o", "--output", required=True, type=Path, metavar="FILE", help="file to write")
     frames = (
         "frames, such as 1001 or 1001-1048 (default: all); glsl of one frame has the lobes as "
@@ -33,27 +41,55 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read a stage, write what was asked for and say what it is."""
     output: Path = arguments.output
-    _check_output(output)
-    from asglight.export import write_glsl, write_json
+    _check_output(output, arguments.to)
+    from asglight.export import write_glsl, write_json, write_sg_array
     from asglight.images.message import shown
     from asglight.usd import read_usd
     from asglight.usd.stage import lobe_names_of
 
     every = read_usd(arguments.stage)
     tracks = _of_frames(every, chosen_frames(every, arguments.frames, arguments.stage))
+    files, written = [output], tracks.lobes
     if arguments.to == "json":
         write_json(output, tracks, lobe_names_of(arguments.stage))
-        files = [output]
-    else:
+    elif arguments.to == "glsl":
         files = write_glsl(output, tracks)
+    else:
+        written = write_sg_array(output, tracks, SgLayout(arguments.to))
     numbers = tracks.frames
     print(
         f"{', '.join(shown(file) for file in files)}: "
-        f"{counted(tracks.lobes.count, 'lobe')} of form {tracks.lobes.form}, "
+        f"{counted(written.count, 'lobe')} of form {written.form}, "
         f"{counted(len(numbers), 'frame')} ({frame_range(numbers)}) at {tracks.fps:g} fps, "
         f"{size(sum(file.stat().st_size for file in files))}"
     )
+    if written is not tracks.lobes:
+        _print_loss(tracks.lobes, written)
     return 0
+
+
+def _print_loss(lobes: Lobes, written: Lobes) -> None:
+    """Say on one line what lobes lose in an array, if anything.  [F, N, .], [F, N', .]."""
+    from asglight.export.sg_array import NERD_SHARPNESS
+    from asglight.judging.metrics import irradiance_errors
+    from asglight.lobes.isotropic import as_sg
+
+    findings = []
+    if lobes.form is not Form.SG:
+        stretched = int((lobes.sharpness[..., 0] != lobes.sharpness[..., 1]).any(0).sum())
+        findings.append(f"{stretched} of {counted(lobes.count, 'lobe')} lost their anisotropy")
+    held = int((as_sg(lobes).sharpness != written.sharpness).any(-1).any(0).sum())
+    if held:
+        low, high = NERD_SHARPNESS
+        limits = f"NeRD's sharpness, {low:g} to {high:g}"
+        findings.append(f"{held} of {counted(written.count, 'lobe')} held to {limits}")
+    if findings:
+        errors = irradiance_errors(written, lobes)
+        worst = f" in the mean, {100 * max(errors):.2f} % in the worst frame"
+        print(
+            f"{'; '.join(findings)}: irradiance changes by {100 * sum(errors) / len(errors):.2f} %"
+            f"{worst if len(errors) > 1 else ''}"
+        )
 
 
 def _of_frames(tracks: LobeTracks, frames: tuple[int, ...]) -> LobeTracks:
@@ -61,8 +97,10 @@ def _of_frames(tracks: LobeTracks, frames: tuple[int, ...]) -> LobeTracks:
     return replace(tracks, frames=frames, lobes=tracks.lobes[places])
 
 
-def _check_output(output: Path) -> None:
+def _check_output(output: Path, to: str) -> None:
     """Refuse a target that cannot be meant."""
+    if to in list(SgLayout) and output.suffix != ".npy":
+        raise InputError(f"{output}: expected a name that ends in .npy, such as lights.npy.")
     if output.suffix.lower() in _OTHER_FILES:
         raise InputError(
             f"{output}: has the suffix of another kind of file; expected a name such as shot.json "

@@ -106,6 +106,11 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
             f"fitted: preset {metadata['preset']}, from {metadata.get('source', 'unknown')}, "
             f"asglight {metadata.get('asglight', 'unknown')}"
         )
+    if "layout" in metadata:
+        lines.append(
+            f"imported: {metadata['layout']} array, from {metadata.get('source', 'unknown')}, "
+            f"asglight {metadata.get('asglight', 'unknown')}"
+        )
     lines += [f"edited: {change}" for change in document["changes"]]
     lines += left_out_lines(metadata)
     lines += part_lines(metadata.get("parts", []))

@@ -26,13 +26,17 @@ COMMANDS = {
     "stitch": "join stages of parts of a shot that were fitted apart",
     "eval": "measure the error of a stage against the images it was fitted to",
     "info": "show what a stage holds",
-    "export": "write a stage's lobes for real-time engines: JSON or GLSL",
+    "export": "write lobes for engines (JSON, GLSL) or PhySG and NeRD",
+    "import": "make a stage of lights of PhySG or NeRD",
     "view": "show lobes and images in a window, or write a picture of them",
     "compare": "set every method side by side on the same map and budget",
     "bench": "measure error against run time, and time against size",
     "demo": "fit the built-in moving environment and draw what came out",
 }
-_MODULES = {name: f"asglight.cli.{name}" for name in COMMANDS} | {"eval": "asglight.cli.evaluate"}
+_MODULES = {name: f"asglight.cli.{name}" for name in COMMANDS} | {
+    "eval": "asglight.cli.evaluate",  # Python has words of these names
+    "import": "asglight.cli.importing",
+}
 
 DISK_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
