@@ -7,7 +7,7 @@ MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 
 .PHONY: help setup setup-dcc demo pictures bench bench-fit test test-fast test-usd test-dcc test-dcc-short \
-  dcc-picture lint format clean
+  test-ball-truth dcc-picture lint format clean
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -58,6 +58,9 @@ test-dcc: setup setup-dcc  ## stages of SEQUENCES in Blender and Mitsuba: tables
 
 test-dcc-short: setup setup-dcc  ## the same on one frame of the built-in sky, Blender only
 	$(BIN)/python -m dcc.measure --short --size 12 --samples 1536 -o dcc-output/short
+
+test-ball-truth: setup setup-dcc  ## the brute force that judges balls against Mitsuba: a table
+	$(BIN)/python -m dcc.ball_truth -o dcc-output/truth
 
 dcc-picture: setup setup-dcc  ## what Blender shows, as the README has it; after test-dcc
 	$(BIN)/python -m dcc.picture --measured dcc-output -o docs/images/dcc.png
