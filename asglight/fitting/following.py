@@ -33,8 +33,8 @@ from asglight.lobes.data import stack
 from asglight.lobes.frames import align, axes_around, parallel_transport
 
 LIVE = (Level(3, Corners(0.1, 0.005), matrices=1),)
-"""Half the cost of a step is its matrix, and from a good start the next would be the same. With two
-steps r0.5 of a tunnel's lamps is 1.4 times as large; a fourth is a tenth of the time again."""
+"""Half the cost of a step is its matrix, and from a good start the next is nearly the same. With
+two steps r0.5 of a tunnel's lamps is 1.4 times as large; the third is a tenth of a frame's time."""
 
 FAST = (Level(6, Corners(0.3, 0.02)), Level(10, Corners(0.1, 0.005)))
 

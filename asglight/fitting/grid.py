@@ -66,20 +66,6 @@ def coarsen(images: Tensor, height: int, coarse: int) -> Tensor:
     return _block_sums(rows, height // coarse)
 
 
-def spread(images: Tensor, coarse: int, height: int) -> Tensor:
-    """Apply the transpose of `coarsen`: each texel gets its share of its cell.  [..., P]."""
-    if coarse == height:
-        return images
-    factor = height // coarse
-    weight = _row_shares(height, coarse, str(images.device))
-    cells = images.unflatten(-1, (coarse, 1, 2 * coarse, 1))
-    return (
-        (cells * weight[:, :, None, None])
-        .expand(*cells.shape[:-3], factor, 2 * coarse, factor)
-        .flatten(-4)
-    )
-
-
 def cell_sums(images: Tensor, height: int, coarse: int) -> Tensor:
     """Sum images over the texels of each cell.  [..., P] -> [..., P']."""
     return _block_sums(images.unflatten(-1, (height, 2 * height)), height // coarse)

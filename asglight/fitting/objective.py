@@ -28,7 +28,8 @@ from asglight.shading import kernels
 
 ENV_WEIGHT = 0.07
 """w_env: what surfaces show comes first. Over ten maps 0.05 and 0.07 end alike; with 0.1 irr and
-r0.5 are a tenth larger in the median, with 0.2 a third on single maps, and env 1 to 3 % smaller."""
+r0.5 are a tenth larger in the median, with 0.2 irr a third on single maps; env is up to a tenth
+smaller then."""
 
 SCALE_MIN = 1e-12
 """Of a mean, so that a black map's loss is finite. Maps come with a mean near 1."""

@@ -78,6 +78,8 @@ def _fits(
     """Return a function for each method, from the frames and the same with progress."""
 
     def ours(preset: Preset, *, again: bool = False) -> Callable[..., Fitted]:
+        """Return how a preset fits a sequence, with the pass over the whole shot if `again`."""
+
         def fit(references: Sequence[Tensor], frames: Iterable[Tensor]) -> Fitted:
             lobes, seconds = fit_frames(frames, FitOptions(plan.lobes, preset))
             if again:
@@ -92,6 +94,7 @@ def _fits(
         return matched(lobes), seconds
 
     def em(references: Sequence[Tensor], frames: Iterable[Tensor]) -> Fitted:
+        """Fit each frame by itself and match the lobes of neighbouring ones."""
         lobes, seconds = [], []
         for frame in frames:
             task = Task(frame, plan.floats, 0, lambda: None)

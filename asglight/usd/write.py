@@ -5,6 +5,7 @@ from pathlib import Path
 
 from asglight.lobes import LobeTracks
 from asglight.usd import cards, layer, staging
+from asglight.usd.authoring import TrackAuthor
 from asglight.usd.checks import check_target, check_tracks
 from asglight.usd.lint import lint_stage
 from asglight.usd.options import STAGE_SUFFIXES, StageOptions, check_stage_options
@@ -71,20 +72,33 @@ def write_usd(
     check_tracks(tracks)
     check_target(path, STAGE_SUFFIXES)
     with staging.staged(path) as place:
-        space, kinds = space_for(options), cards.kinds(tracks.lobes, textured=card_texture)
-        of_all = staging.write_dome(tracks, place, dome_height, space)
-        fill = staging.write_fill(tracks, kinds, place, space)
-        card = staging.write_card(kinds, place)
-        files = [*of_all, *fill, *card]
-        root = staging.root_layer(place)
-        names = [staging.relative_names(images) for images in (of_all, fill, card)]
-        images = layer.Images(names[0], names[1], "".join(names[2]))
-        built, author = layer.build(tracks, options, images, root.name, kinds)
-        staging.export(built, root)
-        if root != place:
-            staging.package(place, [root, *files])
+        beside, author = _write_files(tracks, options, place)
         findings = lint_stage(place)
         if findings:
             raise RuntimeError(f"the stage breaks its own contract: {findings}")
-        beside = files if root == place else []
         return staging.move_into_place(place, path, beside, author)
+
+
+def _write_files(
+    tracks: LobeTracks, options: StageOptions, place: Path
+) -> tuple[list[Path], TrackAuthor]:
+    """Write the stage at `place`, and its images beside it unless a package holds them.
+
+    Returns:
+        The images that go with it, and what authored the stage.
+    """
+    space = space_for(options)
+    kinds = cards.kinds(tracks.lobes, textured=options.card_texture)
+    of_all = staging.write_dome(tracks, place, options.dome_height, space)
+    fill = staging.write_fill(tracks, kinds, place, space)
+    card = staging.write_card(kinds, place)
+    files = [*of_all, *fill, *card]
+    root = staging.root_layer(place)
+    names = [staging.relative_names(images) for images in (of_all, fill, card)]
+    images = layer.Images(names[0], names[1], "".join(names[2]))
+    built, author = layer.build(tracks, options, images, root.name, kinds)
+    staging.export(built, root)
+    if root == place:
+        return files, author
+    staging.package(place, [root, *files])
+    return [], author

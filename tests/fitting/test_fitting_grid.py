@@ -4,7 +4,7 @@
 import pytest
 import torch
 
-from asglight.fitting.grid import POWERS, cell_sums, coarsen, coarser, grid, repeated, spread
+from asglight.fitting.grid import POWERS, cell_sums, coarsen, coarser, grid, repeated
 from asglight.sphere import latlong
 
 FACTORS = [(64, 32), (128, 32), (96, 32), (50, 25), (45, 15), (45, 9), (7, 1), (127, 1), (12, 12)]
@@ -57,21 +57,6 @@ def test_coarsen_is_the_exact_reduction(height: int, coarse: int) -> None:
         expected = latlong.reduce(texels, coarse, 2 * coarse).reshape(-1, 3).mT
         # means of up to 127^2 numbers below 1 in float32
         torch.testing.assert_close(reduced.double(), expected, rtol=3e-6, atol=0)
-
-
-@pytest.mark.parametrize(("height", "coarse"), [(12, 4), (15, 5), (14, 7), (7, 1), (6, 6)])
-def test_spread_is_the_exact_transpose_of_coarsen(height: int, coarse: int) -> None:
-    down = coarsen(torch.eye(2 * height * height), height, coarse)  # [P, P']
-    up = spread(torch.eye(2 * coarse * coarse), coarse, height)  # [P', P]
-    assert torch.equal(up, down.mT)
-
-
-def test_spread_keeps_sums_of_a_batch() -> None:
-    cells = _images(5, 2, 3)
-    fine = spread(cells, 5, 35)
-    assert fine.shape == (2, 3, 2 * 35 * 35)
-    # each cell's shares sum to 1, rounded to float32
-    torch.testing.assert_close(cell_sums(fine, 35, 5), cells, rtol=2e-6, atol=0)
 
 
 @pytest.mark.parametrize(("height", "coarse"), [(12, 4), (15, 5), (14, 7), (7, 1), (6, 6)])
