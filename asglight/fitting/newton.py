@@ -13,7 +13,7 @@ failed keeps is chosen there.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -25,6 +25,7 @@ from asglight.fitting.lobe_images import COLUMNS, Footprint, Images
 from asglight.fitting.objective import Misfit
 from asglight.fitting.probes import CURVATURE_ROWS, probe
 from asglight.lobes import Lobes, asg
+from asglight.lobes.data import chosen
 
 OnStep = Callable[[Lobes], None]
 """Called with the lobes [F, N, .] after a step."""
@@ -141,12 +142,7 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
         return torch.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
     new, old = tried.shown, before.shown
-    lobes = replace(
-        new.lobes,
-        axes=of(new.lobes.axes, old.lobes.axes),
-        sharpness=of(new.lobes.sharpness, old.lobes.sharpness),
-        amplitude=of(new.lobes.amplitude, old.lobes.amplitude),
-    )
+    lobes = chosen(better, new.lobes, old.lobes)
     values = of(new.values, old.values)
     same = new.gaussian is new.values
     gaussian = values if same else of(new.gaussian, old.gaussian)

@@ -12,6 +12,7 @@ first steps must fill.
 """
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -41,6 +42,20 @@ RIDGE = 1e-3
 """Of the unit diagonal of H, which is near singular where lobes stand in for each other."""
 
 
+class Split(NamedTuple):
+    """A trial.
+
+    Attributes:
+        lobe: Index of the lobe that is halved.
+        gone: Index of the lobe that goes, and becomes the second half.
+        axis: 0 or 1, the axis along which the halves lie.
+    """
+
+    lobe: int
+    gone: int
+    axis: int
+
+
 def regroup(
     start: newton.Outcome, frame: objective.Target, rounds: int, width_min: float
 ) -> newton.Outcome:
@@ -55,17 +70,15 @@ def regroup(
     if start.lobes.count < 2:
         return start
     best = newton.minimise(start.lobes, frame, STEPS, width_min=width_min)
-    tried: set[tuple[int, int, int]] = set()
+    tried: set[Split] = set()
     for _ in range(rounds):
-        splits, filled = _order(best.lobes, frame)
-        splits = [split for split in splits if split not in tried][:TRIALS]
+        shown = lobe_images.images(best.lobes, frame.places)
+        costs, filled = absences(shown, frame)
+        splits = [each for each in ordered(shown, frame, costs) if each not in tried][:TRIALS]
         if not splits:
             break
         tried.update(splits)
-        halves = [
-            halved(advance(best.lobes[0], filled[gone], width_min), lobe, gone, axis)
-            for lobe, gone, axis in splits
-        ]
+        halves = [carried_out(each, best.lobes[0], filled, width_min) for each in splits]
         competing = frame.repeated(len(splits))
         found = newton.minimise(stack(halves), competing, STEPS, width_min=width_min)
         found = found.best()
@@ -74,22 +87,39 @@ def regroup(
     return best
 
 
-def _order(lobes: Lobes, frame: objective.Target) -> tuple[list[tuple[int, int, int]], Tensor]:
-    """Return the splits to try: which lobe, which goes, along which axis; and `absences`' steps."""
-    shown = lobe_images.images(lobes, frame.places)
+def ordered(shown: lobe_images.Images, frame: objective.Target, costs: Tensor) -> list[Split]:
+    """Return the splits to try: of the lobe that most of J lies on first, the cheapest for each.
+
+    Args:
+        shown: The lobes on the leaves of one frame.
+        frame: The map and its weights.
+        costs: What the absence of each lobe costs; infinity for one that may not go.  [N]
+    """
+    lobes = shown.lobes
     error = objective.placed(shown.radiance, frame)[0]
     sent = shown.values[0] * lobes.amplitude[0].sum(-1, keepdim=True)
     taken = sent / sent.sum(0).clamp(min=torch.finfo(torch.float32).tiny)
     own = taken @ error
     axes = 1 if lobes.form is Form.SG else 2
-    costs, filled = absences(shown, frame)
-    cheapest = costs.argsort().tolist()
-    splits = [
-        (lobe, next(index for index in cheapest if index != lobe), axis)
-        for lobe in own.argsort(descending=True).tolist()
-        for axis in range(axes)
-    ]
-    return splits, filled
+    cheapest = [index for index in costs.argsort().tolist() if math.isfinite(costs[index])]
+    found = []
+    for lobe in own.argsort(descending=True).tolist():
+        gone = next((index for index in cheapest if index != lobe), None)
+        if gone is not None:
+            found += [Split(lobe, gone, axis) for axis in range(axes)]
+    return found
+
+
+def carried_out(split: Split, lobes: Lobes, filled: Tensor, width_min: float) -> Lobes:
+    """Return the lobes after a split.
+
+    Args:
+        split: Which.
+        lobes: The lobes.  [N, .]
+        filled: The steps of `absences`.  [N, N, 8]
+        width_min: Sigma of the narrowest lobe allowed, radians.
+    """
+    return halved(advance(lobes, filled[split.gone], width_min), *split)
 
 
 def absences(shown: lobe_images.Images, frame: objective.Target) -> tuple[Tensor, Tensor]:

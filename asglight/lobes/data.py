@@ -122,6 +122,26 @@ def stack(frames: list[Lobes]) -> Lobes:
     )
 
 
+def chosen(first: Tensor, one: Lobes, other: Lobes) -> Lobes:
+    """Return the one's lobes in some frames and the other's elsewhere.
+
+    Args:
+        first: Which frames are the one's.  [F]
+        one: Lobes of every frame.  [F, N, .]
+        other: As many.  [F, N, .]
+    """
+
+    def of(these: Tensor, those: Tensor) -> Tensor:
+        return torch.where(first.reshape(-1, *[1] * (these.ndim - 1)), these, those)
+
+    return replace(
+        one,
+        axes=of(one.axes, other.axes),
+        sharpness=of(one.sharpness, other.sharpness),
+        amplitude=of(one.amplitude, other.amplitude),
+    )
+
+
 def lobe_names(count: int, first: int = 0) -> tuple[str, ...]:
     """Return `lobe_00`, `lobe_01`, ..., of equal length so that they sort in order.
 

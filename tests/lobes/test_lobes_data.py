@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from asglight.lobes import Form, Lobes, LobeTracks
-from asglight.lobes.data import stack
+from asglight.lobes.data import chosen, stack
 
 
 def _lobes(count: int = 2, **changed: torch.Tensor) -> Lobes:
@@ -106,3 +106,15 @@ def test_tracks_reject_lobes_without_a_frame_dimension() -> None:
 def test_tracks_reject_frames_out_of_order(frames: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match="frames: not ascending"):
         _tracks(frames, 2)
+
+
+def test_frames_are_chosen_whole() -> None:
+    one, other = (stack([_lobes(3), _lobes(3), _lobes(3)]) for _ in range(2))
+    other = dataclasses.replace(
+        other, axes=-other.axes, sharpness=2 * other.sharpness, amplitude=3 * other.amplitude
+    )
+    found = chosen(torch.tensor([True, False, True]), one, other)
+    for name in ("axes", "sharpness", "amplitude"):
+        value = getattr(found, name)
+        assert torch.equal(value[[0, 2]], getattr(one, name)[[0, 2]])
+        assert torch.equal(value[1], getattr(other, name)[1])
