@@ -6,7 +6,7 @@ is sent to where the map has most light that the fit lacks.
 """
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -27,21 +27,45 @@ from asglight.fitting.grid import coarsen, coarser
 from asglight.fitting.leaves import leaves, to_cells
 from asglight.fitting.objective import Corners
 from asglight.fitting.probes import PROBES, directions, probe
+from asglight.fitting.resending import Resent, resent
 from asglight.fitting.tracking import claims, drawn, found_again
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import align, axes_around, parallel_transport
 
-LIVE = (Level(3, Corners(0.1, 0.005), matrices=1),)
-"""Half the cost of a step is its matrix, and from a good start the next is nearly the same. With
-two steps r0.5 of a tunnel's lamps is 1.4 times as large; the third is a tenth of a frame's time."""
 
-FAST = (Level(6, Corners(0.3, 0.02)), Level(10, Corners(0.1, 0.005)))
+@dataclass(frozen=True)
+class Pursuit:
+    """How much is spent on a next frame.
 
-BEST = (
-    Level(8, Corners(0.3, 0.02)),
-    Level(16, Corners(0.1, 0.01)),
-    Level(24, Corners(0.1, 0.002)),
+    Attributes:
+        coarse: Steps on the grid on which starts compete, a quarter of the cells.
+        whole: Steps on the whole map.
+        sends: Whether a lobe that the frame can spare is sent elsewhere (resending.py).
+    """
+
+    coarse: tuple[Level, ...]
+    whole: tuple[Level, ...]
+    sends: bool = True
+
+
+LIVE = Pursuit(
+    (Level(4, Corners(0.1, 0.005), matrices=2),),
+    (Level(2, Corners(0.1, 0.005), matrices=1),),
+    sends=False,
+)
+"""Coarse steps bring most of the way: without them r0.5 of a moving sky is 1.6 times as large. Half
+the cost of a step is its matrix, and from a good start the next is nearly the same."""
+
+FAST = Pursuit((), (Level(6, Corners(0.3, 0.02)), Level(10, Corners(0.1, 0.005))))
+
+BEST = Pursuit(
+    (),
+    (
+        Level(8, Corners(0.3, 0.02)),
+        Level(16, Corners(0.1, 0.01)),
+        Level(24, Corners(0.1, 0.002)),
+    ),
 )
 
 START_ROWS = 32
@@ -80,7 +104,7 @@ def fit_next_frame(
     reference: Tensor,
     previous: Lobes,
     earlier: Lobes | None = None,
-    levels: tuple[Level, ...] = FAST,
+    effort: Pursuit = FAST,
 ) -> FrameFit:
     """Fit a frame that follows another.
 
@@ -88,7 +112,7 @@ def fit_next_frame(
         reference: Repaired radiance.  [H, 2 H, 3]
         previous: The lobes of the frame before.  [N, .]
         earlier: The lobes of the frame before that, from which the motion is foretold.  [N, .]
-        levels: Steps and corners.
+        effort: How much is spent.
     """
     frame = exposed(reference)
     if frame.exposure <= 0:
@@ -102,16 +126,17 @@ def fit_next_frame(
     cosine = torch.where(dark, -1.0, math.cos(math.radians(LEASH_DEG)))
     leash = Leash(before.axis_z, cosine.to(before.axis_z))
     whole = objective.target(frame.radiance)
-    coarse = _coarse(frame, levels[0].corners)
+    coarse = _coarse(frame, effort.whole[0].corners)
     width_min = narrowest(frame.height)
     outcome = _started(before, earlier, coarse, leash, width_min)
     if bool(dark.any()):
         sent = _send_free_lobes(outcome.lobes[0], dark, whole)
         outcome = replace(outcome, lobes=sent[None])
     held = temporal.prior(outcome.lobes)
-    outcome = _stepped(outcome, whole, levels, held, leash, width_min)
+    outcome = _stepped(outcome, coarse, effort.coarse, held, leash, width_min)
+    outcome = _stepped(outcome, whole, effort.whole, held, leash, width_min)
     if float(outcome.value) > SUSPECT_LOSS:
-        outcome = _stepped(outcome, whole, FAST, held, leash, width_min)
+        outcome = _stepped(outcome, whole, FAST.whole, held, leash, width_min)
     loss = float(outcome.value)
     if loss > SUSPECT_LOSS:
         fresh = fit_first_frame(reference, previous.count, previous.form)
@@ -119,7 +144,41 @@ def fit_next_frame(
             return fresh
     shown = lobe_images.images(outcome.lobes, whole.places)
     lit = light.relight(shown, replace(whole, corners=LIGHT), passes=1).lobes[0]
-    return with_flux_of(align(lit, before), frame, loss)
+    lit = align(lit, before)
+    if effort.sends:
+        competing = replace(coarse, corners=effort.whole[-1].corners)
+        going = resent(lit, before, competing, width_min)
+        if going is not None:
+            lit = _without(lit, going, whole, leash, width_min)
+    return with_flux_of(lit, frame, loss)
+
+
+def _without(
+    lobes: Lobes, going: Resent, frame: objective.Target, leash: Leash, width_min: float
+) -> Lobes:
+    """Return the lobes with one dark and where it goes, the others fitted without it.  [N, .]."""
+    rest = torch.tensor([index for index in range(lobes.count) if index != going.index])
+    others = lobes.select(rest)[None]
+    outcome = _stepped(
+        newton.Outcome(others, torch.empty(0), torch.tensor([DAMPING_START])),
+        frame,
+        LIVE.whole,
+        temporal.prior(others),
+        Leash(leash.axis_z[rest], leash.cosine[rest]),
+        width_min,
+    )
+    shown = lobe_images.images(outcome.lobes, frame.places)
+    lit = light.relight(shown, replace(frame, corners=LIGHT), passes=1).lobes[0]
+
+    def merged(whole: Tensor, part: Tensor, one: Tensor) -> Tensor:
+        return whole.index_copy(0, rest, part).index_copy(0, torch.tensor([going.index]), one)
+
+    return replace(
+        lobes,
+        axes=merged(lobes.axes, lit.axes, going.lobe.axes),
+        sharpness=merged(lobes.sharpness, lit.sharpness, going.lobe.sharpness),
+        amplitude=merged(lobes.amplitude, lit.amplitude, going.lobe.amplitude),
+    )
 
 
 def _coarse(frame: Exposed, corners: Corners) -> objective.Target:

@@ -38,8 +38,9 @@ EVEN_CORNER = 0.2
 """phi's corner for the mean radiance, of itself: wide, for a step may miss the flux by a percent,
 which the last scaling mends."""
 
-PART_ROWS = 128
-"""Rows of the grid of parts, 1.4 degrees each: finer ones gain little on real maps."""
+PARTS = 2
+"""Parts along a side of a cell, 1.4 degrees each on a grid of 64 rows: more gain little on real
+maps."""
 
 
 @dataclass(frozen=True)
@@ -142,8 +143,7 @@ def target(reference: Tensor, corners: Corners = Corners(), places: Leaves | Non
 def _parts(reference: Tensor, places: Leaves) -> Tensor:
     """Return means over the parts of each cell.  [F, 3, H * 2 H] -> [F, K, 3, C]."""
     finer = places.fine_rows // places.rows
-    most = max(1, PART_ROWS // places.rows)
-    factor = max(f for f in range(1, finer + 1) if finer % f == 0 and f <= most)
+    factor = max(f for f in range(1, PARTS + 1) if finer % f == 0)
     means = coarsen(reference, places.fine_rows, places.rows * factor)
     blocks = means.unflatten(-1, (places.rows, factor, 2 * places.rows, factor))
     return blocks.permute(0, 3, 5, 1, 2, 4).flatten(-2).flatten(1, 2).contiguous()

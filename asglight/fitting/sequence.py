@@ -22,7 +22,7 @@ _EFFORT = {
     Preset.BEST: first_frame.BEST,
 }
 
-_LEVELS = {
+_PURSUIT = {
     Preset.LIVE: following.LIVE,
     Preset.FAST: following.FAST,
     Preset.BEST: following.BEST,
@@ -55,7 +55,7 @@ def fit_frame(
             fit = fit_first_frame(reference, options.count, options.form, _EFFORT[options.preset])
             fit = replace(fit, lobes=canonical(fit.lobes))
         else:
-            fit = fit_next_frame(reference, previous, earlier, _LEVELS[options.preset])
+            fit = fit_next_frame(reference, previous, earlier, _PURSUIT[options.preset])
     return replace(fit, lobes=fit.lobes.clone())  # a tensor of inference mode cannot be changed
 
 

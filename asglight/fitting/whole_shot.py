@@ -21,6 +21,7 @@ from asglight.fitting.first_frame import LIGHT, Exposed, narrowest, with_flux_of
 from asglight.fitting.following import DAMPING_START, LEASH_DEG
 from asglight.fitting.objective import Corners
 from asglight.lobes import Lobes, asg
+from asglight.lobes.data import chosen
 
 CHUNK = 16
 """Frames in memory: 25 MB of maps of 256 rows, and half as many side by side."""
@@ -34,6 +35,10 @@ which does not know where the lobes go."""
 
 HELD = 1e3
 """Weight of the temporal term that keeps a lobe as it is: far above all else in J."""
+
+RISE = 0.1
+"""A frame whose own J would grow by more than this share stays as it was: where lamps rush past,
+what its neighbours hold is no guide."""
 
 JUMP_DEG = 10.0
 """A lobe that turns further was dark and sent, or there is a cut. One at the end of its leash of
@@ -140,7 +145,10 @@ def _between(shot: Lobes, index: Tensor, frames: list[Exposed]) -> tuple[Lobes, 
     lit = light.relight(shown, replace(whole, corners=LIGHT), passes=1).lobes
     capped = torch.minimum(lit.amplitude, own.amplitude)
     lit = replace(lit, amplitude=torch.where(stays[..., None], capped, lit.amplitude))
-    values = objective.value(replace(shown, lobes=lit).radiance, whole).tolist()
+    values = objective.value(replace(shown, lobes=lit).radiance, whole)
+    before = objective.value(lobe_images.images(own, whole.places).radiance, whole)
+    kept = values > (1 + RISE) * before
+    lit, values = chosen(kept, own, lit), torch.where(kept, before, values).tolist()
     fits = [
         with_flux_of(lit[k], frame, value)
         for k, (frame, value) in enumerate(zip(frames, values, strict=True))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from lobe_cases import follow, lamps, sky_and_sun
+from lobe_cases import angle_deg, follow, lamps, sky_and_sun
 from torch import Tensor
 
 from asglight.fitting import seeding
@@ -29,10 +29,6 @@ def flux_of(radiance: Tensor) -> Tensor:
 
 def brightest(lobes: Lobes) -> int:
     return int((lobes.amplitude.sum(-1) * lobes.sharpness.amax(-1)).argmax())
-
-
-def angle_deg(a: Tensor, b: Tensor) -> float:
-    return math.degrees(float(torch.arccos((a * b).sum().clamp(-1, 1))))
 
 
 @pytest.mark.parametrize("form", list(Form))

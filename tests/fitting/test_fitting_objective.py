@@ -71,8 +71,8 @@ def _loss_by_definition(fit: Tensor, ref: Tensor, rows: int, refined: list[int])
         refined: The refined cells.
     """
     height, count = ref.shape[0], 2 * rows**2
-    part_rows = min(128, height)
-    factor = part_rows // rows
+    factor = min(2, height // rows)
+    part_rows = factor * rows
     parts = latlong.reduce(ref, part_rows, 2 * part_rows).reshape(rows, factor, 2 * rows, factor, 3)
     parts = parts.permute(0, 2, 1, 3, 4).reshape(count, factor**2, 3)
     plain = [cell for cell in range(count) if cell not in set(refined)]

@@ -78,3 +78,7 @@ def follow(
         earlier = fits[-2].lobes if len(fits) > 1 else None
         fits.append(fit_frame(reference, options, previous, earlier, on_step))
     return fits
+
+
+def angle_deg(a: Tensor, b: Tensor) -> float:
+    return math.degrees(float(torch.arccos((a * b).sum().clamp(-1, 1))))

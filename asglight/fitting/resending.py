@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lobes that a frame can spare go to where one lobe stands for two, unseen.
+
+A lamp that comes near takes many lobes, and the faint light that it drowns holds them back. A lobe
+that is seen may not jump, so one that is not goes dark for a frame, pointing to where the next one
+will light it. Whether that is worth while, and where it goes, a trial split tells (regroup.py).
+"""
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from asglight.fitting import lobe_images, newton, objective, regroup
+from asglight.lobes import Lobes, asg
+from asglight.lobes.data import stack
+
+FAINT_SHARE = 0.01
+"""Share of the flux above which a lobe that turns far is seen to jump."""
+
+WORTH = 0.06
+"""J from which it is worth while to look for one: ten real maps and slow skies stay below."""
+
+SPARE_COST = 5e-3
+"""A lobe is spare if J grows by less than this share without it. In a tunnel, whose lamps come and
+go, there nearly always is one; under a sky that changes slowly, seldom; in a room, never."""
+
+TRIALS = 2
+"""Splits that compete: of the lobe that most of J lies on, along its axes."""
+
+STEPS = 4
+"""Steps of a trial. It is on a coarse grid, and only has to tell that J will be lower."""
+
+GAIN = 0.1
+"""Share of J that a trial must gain: far more than the frame in which the lobe is dark loses."""
+
+
+@dataclass(frozen=True)
+class Resent:
+    """A lobe that goes dark.
+
+    Attributes:
+        index: Which.
+        lobe: What it is when the next frame lights it, black.  [1, .]
+    """
+
+    index: int
+    lobe: Lobes
+
+
+def faint(lobes: Lobes) -> Tensor:
+    """Tell which lobes hold so little of the flux that they may turn as they like.
+
+    [..., N, .] -> [..., N].
+    """
+    flux = asg.flux(lobes).sum(-1)
+    return flux < FAINT_SHARE * flux.sum(-1, keepdim=True)
+
+
+def resent(lobes: Lobes, before: Lobes, frame: objective.Target, width_min: float) -> Resent | None:
+    """Choose a lobe to send, if that gains enough.
+
+    Args:
+        lobes: The fit of a frame.  [N, .]
+        before: The same lobes one frame before.  [N, .]
+        frame: The map, on a coarse grid.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+    """
+    may_go = faint(lobes) & faint(before) & (lobes.amplitude.amax(-1) > 0)
+    if not bool(may_go.any()):
+        return None
+    shown = lobe_images.images(lobes[None], frame.places)
+    value = float(objective.value(shown.radiance, frame))
+    if value < WORTH:
+        return None
+    costs, filled = regroup.absences(shown, frame)
+    may_go &= (costs < SPARE_COST * value).to(may_go.device)
+    if not bool(may_go.any()):
+        return None
+    splits = regroup.ordered(shown, frame, torch.where(may_go, costs, torch.inf))[:TRIALS]
+    trials = [regroup.carried_out(each, lobes, filled, width_min) for each in splits]
+    competing = frame.repeated(1 + len(trials))
+    found = newton.minimise(stack([lobes, *trials]), competing, STEPS, width_min=width_min)
+    best = 1 + int(found.value[1:].argmin())
+    if float(found.value[best]) > (1 - GAIN) * float(found.value[0]):
+        return None
+    gone = splits[best - 1].gone
+    sent = found.lobes[best].select(torch.tensor([gone]))
+    return Resent(gone, replace(sent, amplitude=torch.zeros_like(sent.amplitude)))
