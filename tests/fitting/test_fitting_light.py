@@ -39,8 +39,8 @@ def _env_rows(
         The lobes [rows, N] and what they should add to [rows, 3].
     """
     places, cells = frame.places, frame.places.count
-    rows, part_rows = places.rows, min(128, places.fine_rows)
-    factor = part_rows // rows
+    rows, factor = places.rows, min(2, places.fine_rows // places.rows)
+    part_rows = factor * rows
     parts = latlong.reduce(ref, part_rows, 2 * part_rows).reshape(rows, factor, 2 * rows, factor, 3)
     parts = parts.permute(1, 3, 0, 2, 4).flatten(2, 3).flatten(0, 1)  # [K, C, 3]
     texel = ref.flatten(0, 1)[places.texel[index]]
