@@ -16,7 +16,8 @@ The poster leaves open, and this file chooses:
     parameters        quaternion, log sharpness, log amplitude: positive without clamping
     Adam              learning rate 1e-2 falling to 0 along a half cosine, torch's other defaults
     units             L_R and L_D are divided by the flux of the reference, so that the loss does
-                      not depend on exposure and gamma weighs the same in every scene
+                      not depend on exposure and gamma weighs the same in every scene; the other
+                      losses that the paper compares are in paper_losses.py
     light map         irradiance over pi
     max_i             of the absolute value, over the lobes and the components of a vector together
     lobe function     `asg` unless the caller asks for another form; the poster's formula, read
@@ -25,68 +26,22 @@ The poster leaves open, and this file chooses:
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from asglight.lobes import Form, Lobes, asg
+from asglight.fitting.paper_losses import Loss, frame_loss, target
+from asglight.lobes import Form, Lobes
 from asglight.lobes.frames import axes_around, axes_from_quaternion, quaternion_from_axes
-from asglight.sphere import harmonics, latlong
+from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
 
-ALPHA, BETA, GAMMA = 1.0, 1.0, 0.5
+GAMMA = 0.5
 FIRST_FRAME_STEPS, NEXT_FRAME_STEPS = 24_000, 6_000
 HEIGHT = 256
-SH_DEGREE = 3
 LEARNING_RATE = 1e-2
 AMPLITUDE_FLOOR = 1e-12
 """Relative to the mean radiance: keeps the logarithm of a black lobe's amplitude finite."""
-
-
-@dataclass(frozen=True)
-class Target:
-    """One frame as the loss needs it.
-
-    Attributes:
-        radiance: Reference, flattened.  [P, 3]
-        light_map: Its degree-3 irradiance over pi.  [P, 3]
-        directions: Texel centres.  [P, 3]
-        solid_angle: Steradians over the reference's flux.  [P, 1]
-        harmonics: Real harmonics up to degree 3.  [P, 16]
-        project: Harmonics times solid angle and Lambert's factors over pi.  [16, P]
-    """
-
-    radiance: Tensor
-    light_map: Tensor
-    directions: Tensor
-    solid_angle: Tensor
-    harmonics: Tensor
-    project: Tensor
-
-
-def target(reference: Tensor) -> Target:
-    """Prepare the loss of one frame.  reference: [H, W, 3]."""
-    height, width, _ = reference.shape
-    device = reference.device
-    directions = latlong.directions(height, width, device=device).reshape(-1, 3)
-    solid_angle = latlong.texel_solid_angles(height, width, device=device).reshape(-1, 1)
-    radiance = reference.reshape(-1, 3)
-    flux = (solid_angle * radiance).sum().clamp(min=torch.finfo(torch.float32).tiny)
-    basis = harmonics.basis(SH_DEGREE, directions)
-    factors = (harmonics.lambert_factors(SH_DEGREE) / math.pi).to(radiance)
-    project = (basis * solid_angle * factors).mT.contiguous()
-    light_map = basis @ (project @ radiance)
-    return Target(radiance, light_map, directions, solid_angle / flux, basis, project)
-
-
-def frame_loss(lobes: Lobes, frame: Target) -> Tensor:
-    """Return alpha L_R + beta L_D summed over the sphere, relative to the reference's flux."""
-    fit = asg.evaluate(lobes, frame.directions)  # [P, 3]
-    light_map = frame.harmonics @ (frame.project @ fit)
-    radiance_error = (frame.solid_angle * (fit - frame.radiance).abs()).sum()
-    light_map_error = (frame.solid_angle * (light_map - frame.light_map).abs()).sum()
-    return ALPHA * radiance_error + BETA * light_map_error
 
 
 def temporal_loss(lobes: Lobes, previous: Lobes) -> Tensor:
@@ -116,6 +71,7 @@ def fit_frame(
     *,
     steps: int,
     previous: Lobes | None = None,
+    loss: Loss = Loss.L1_LD,
     on_step: Callable[[int, float], None] | None = None,
 ) -> Lobes:
     """Fit one frame with Adam.
@@ -125,6 +81,7 @@ def fit_frame(
         lobes: Where to start.  [N, .]
         steps: Adam steps.
         previous: The frame before; None leaves the temporal term out.
+        loss: What is minimised beside it.
         on_step: Called with the step's number and its loss. Reading the loss waits for the device.
 
     Returns:
@@ -143,14 +100,14 @@ def fit_frame(
     for step in range(steps):
         optimiser.zero_grad()
         current = _lobes(raw, lobes.form)
-        loss = frame_loss(current, frame)
+        error = frame_loss(current, frame, loss)
         if previous is not None:
-            loss = loss + GAMMA * temporal_loss(current, previous)
-        loss.backward()
+            error = error + GAMMA * temporal_loss(current, previous)
+        error.backward()
         optimiser.step()
         schedule.step()
         if on_step is not None:
-            on_step(step + 1, float(loss.detach()))
+            on_step(step + 1, float(error.detach()))
     return _lobes([value.detach() for value in raw], lobes.form)
 
 

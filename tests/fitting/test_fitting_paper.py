@@ -9,7 +9,7 @@ import scipy.special
 import torch
 from lobe_cases import follow, random_lobes, sky_and_sun
 
-from asglight.fitting import paper
+from asglight.fitting import paper, paper_losses
 from asglight.fitting.options import FitOptions, Preset
 from asglight.lobes import Form, Lobes, asg
 from asglight.sphere import latlong
@@ -17,9 +17,9 @@ from asglight.sphere import latlong
 
 def test_schedule_is_the_published_one() -> None:
     assert FitOptions(preset=Preset.PAPER).paper_steps == (24_000, 6_000)
-    assert (paper.ALPHA, paper.BETA, paper.GAMMA) == (1.0, 1.0, 0.5)
+    assert (paper_losses.ALPHA, paper_losses.BETA, paper.GAMMA) == (1.0, 1.0, 0.5)
     assert FitOptions().count == 15
-    assert paper.SH_DEGREE == 3
+    assert paper_losses.SH_DEGREE == 3
 
 
 def test_frame_loss_is_radiance_l1_plus_light_map_l1() -> None:
