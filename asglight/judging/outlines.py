@@ -79,18 +79,20 @@ def segments(directions: Tensor) -> list[tuple[Tensor, Tensor]]:
     pieces = []
     for start, end in zip(starts, ends, strict=True):
         piece = torch.arange(max(start - 1, 0), min(end + 2, len(u)))  # with a neighbour each side
-        near = u[piece] - u[start]
-        unwrapped = u[piece] - torch.where(near.abs() > 0.5, near.sign(), 0.0)
+        steps = u[piece].diff()
+        along = torch.cat([steps.new_zeros(1), (steps - steps.round()).cumsum(0)])
+        unwrapped = along + u[start] - along[int(start > 0)]  # the piece's own start is in place
         pieces.append((unwrapped, v[piece]))
     return pieces
 
 
-def draw_lobes(axes: Axes, lobes: Lobes) -> None:
+def draw_lobes(axes: Axes, lobes: Lobes, *, numbered: bool = True) -> None:
     """Draw the lobes of one frame; width and opacity grow with their share of the flux.
 
     Args:
         axes: With a latlong picture in it.
         lobes: N lobes.  [N, .]
+        numbered: Whether their numbers are written, by which they are found in other frames.
     """
     power = flux(lobes).sum(-1)
     share = power / power.sum().clamp(min=1e-30)  # all dark: nothing is drawn
@@ -106,15 +108,17 @@ def draw_lobes(axes: Axes, lobes: Lobes) -> None:
             for u, v in segments(sign * curve):
                 width = 0.7 + 1.5 * strength
                 axes.plot(u, v, linewidth=width, path_effects=shadow, **style)
-        _mark(axes, lobes.axis_z[index], index, style, shadow)
+        _mark(axes, lobes.axis_z[index], index if numbered else None, style, shadow)
     axes.set_xlim(0, 1)
     axes.set_ylim(1, 0)
 
 
-def _mark(axes: Axes, axis: Tensor, index: int, style: dict, shadow: list) -> None:
+def _mark(axes: Axes, axis: Tensor, index: int | None, style: dict, shadow: list) -> None:
     """Draw a cross at the lobe's axis and its number beside it, on the side that has room."""
     u, v = (float(value) for value in latlong.uv_from_direction(axis))
     axes.plot([u], [v], "+", markersize=8, markeredgewidth=1.4, path_effects=shadow, **style)
+    if index is None:
+        return
     right, low = u < 0.94, v < 0.1
     axes.annotate(
         f"{index}",

@@ -106,6 +106,18 @@ def test_outline_across_the_seam_has_no_line_across_the_picture() -> None:
     assert max(float(u.max()) for u, _ in pieces) > 1
 
 
+def test_outline_around_a_pole_goes_once_across_the_picture() -> None:
+    up = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.1, -1.0], [0.0, 1.0, 0.1]])  # 6 degrees off +Y
+    axes = torch.nn.functional.normalize(up, dim=-1)
+    pieces = segments(outline(axes, torch.tensor([1.0, 1.0]), Form.SG))  # 60 degrees around it
+    for u, v in pieces:
+        assert float(u.diff().abs().max()) < 0.01  # 361 points of a circle
+        assert float(v.diff().abs().max()) < 0.01
+    ends = torch.cat([u for u, _ in pieces])
+    assert -0.02 < float(ends.min()) < 0 < 1 < float(ends.max()) < 1.02
+    assert sum(float(u.max() - u.min()) for u, _ in pieces) == pytest.approx(1, abs=0.03)
+
+
 def test_colour_of_a_lobe_depends_on_its_number_only_and_differs_from_the_next() -> None:
     assert colour(4) == colour(4)
     distances = [math.dist(colour(i), colour(i + 1)) for i in range(20)]
