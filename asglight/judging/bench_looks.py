@@ -14,7 +14,7 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
-from asglight.judging.layout import Theme
+from asglight.judging.layout import LIGHT, Theme
 
 
 @dataclass(frozen=True)
@@ -89,4 +89,5 @@ def colour_of(name: str, theme: Theme) -> str:
     """Return the colour of a method on a ground."""
     if theme is PAGE_THEME:
         return PAGE_COLOURS[name if name in PAGE_COLOURS else "peer"]
-    return LOOKS.get(name, PEER).dark
+    look = LOOKS.get(name, PEER)
+    return look.light if theme is LIGHT else look.dark

@@ -38,7 +38,7 @@ BALL_FRAMES_MAX = 4
 _DIFFERENCE_RANGE = 2.0
 """Of the mean luminance: most of a map lies inside, and what is outside is plainly wrong."""
 
-_DIFFERENCE_COLOURS = LinearSegmentedColormap.from_list(
+DIFFERENCE_COLOURS = LinearSegmentedColormap.from_list(
     "too_dark_too_bright", ["#a8dcff", "#2b83d6", "#2c2d30", "#d9781c", "#ffdca8"]
 )
 """Blue and orange, which every kind of colour vision tells apart; dark where nothing differs."""
@@ -177,7 +177,7 @@ def _show_difference(axes: Axes, reference: Tensor, fit: Tensor) -> AxesImage:
         difference.numpy(),
         extent=(0, 1, 1, 0),
         aspect="auto",
-        cmap=_DIFFERENCE_COLOURS,
+        cmap=DIFFERENCE_COLOURS,
         vmin=-_DIFFERENCE_RANGE,
         vmax=_DIFFERENCE_RANGE,
     )

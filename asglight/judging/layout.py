@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sheets of pictures laid out by the pixel: dark neutral ground, titles, captions, saving."""
+"""Sheets of pictures laid out by the pixel: neutral ground, titles, captions, saving."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +32,7 @@ class Theme:
 
 
 DARK = Theme()
+LIGHT = Theme("#f7f7f5", "#1d1e20", "#5f6062", "#cfcfcc")
 
 
 def sheet(width: int, height: int, title: str, note: str, theme: Theme = DARK) -> Figure:
@@ -75,9 +76,11 @@ class Grid:
         top: int,
         cell: tuple[int, int],
         step: tuple[int, int],
+        theme: Theme = DARK,
     ) -> None:
         """Take the figure, the corner of the first cell, the size of cells and their distance."""
         self.figure, self.left, self.top, self.cell, self.step = figure, left, top, cell, step
+        self.theme = theme
         self.width, self.height = (figure.get_size_inches() * DPI).tolist()
 
     def axes(self, row: int, column: int) -> Axes:
@@ -92,19 +95,19 @@ class Grid:
     def row_label(self, row: int, text: str) -> None:
         """Write beside the first cell of a row, half way up."""
         _, y = self.corner(row, 0)
-        self.write(self.left - 14, y + self.cell[1] / 2, text, 13, TEXT, "right", "center")
+        self.write(self.left - 14, y + self.cell[1] / 2, text, 13, self.theme.text, "right")
 
     def caption(self, row: int, column: int, text: str, *, centred: bool = False) -> None:
         """Write under a cell."""
         x, y = self.corner(row, column)
         x += self.cell[0] / 2 if centred else 0
         side = "center" if centred else "left"
-        self.write(x, y + self.cell[1] + 8, text, 12, FAINT, side, "top")
+        self.write(x, y + self.cell[1] + 8, text, 12, self.theme.faint, side, "top")
 
     def column_title(self, column: int, text: str) -> None:
         """Write above the first cell of a column."""
         x, y = self.corner(0, column)
-        self.write(x + self.cell[0] / 2, y - 10, text, 13, TEXT, "center", "bottom")
+        self.write(x + self.cell[0] / 2, y - 10, text, 13, self.theme.text, "center", "bottom")
 
     def corner(self, row: int, column: int) -> tuple[int, int]:
         """Return the pixels of a cell's top left corner."""
