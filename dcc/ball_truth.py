@@ -43,6 +43,9 @@ SHARPNESS = ((2.0, 1.0), (40.0, 10.0), (400.0, 100.0))
 QUATERNIONS = ((0.8, -0.6, 0.1, 0.2), (0.9, -0.2, 0.5, 0.3), (0.3, 0.2, 0.9, -0.4))
 """Of the lobes: one from above, one in front, one from behind, all rolled."""
 
+MATERIALS = {**scene.MATERIALS, "r1": 1.0}
+"""Roughness 1 too, where Smith's two terms differ most."""
+
 SEEDS = tuple(range(8))
 
 NOISE_TIMES = 2.0
@@ -59,7 +62,7 @@ class Agreement:
 
     Attributes:
         sharpness: Of the lobe.
-        material: A key of `scene.MATERIALS`.
+        material: A key of `MATERIALS`.
         separable: Relative RMS error against the brute force with Mitsuba's Smith term.
         energy: Sum of Mitsuba's pixels over that of the same brute force.
         correlated: Relative RMS error against the brute force as it is.
@@ -102,23 +105,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def agreements(folder: Path, size: int, samples: int, python: Path) -> Iterator[Agreement]:
     """Render the balls and hold them against the brute force."""
-    unit = Lobes(
-        axes_from_quaternion(torch.tensor(QUATERNIONS, dtype=torch.float64)),
-        torch.tensor(SHARPNESS, dtype=torch.float64),
-        torch.eye(3, dtype=torch.float64),
-    )
-    # Of one flux each, so that Mitsuba samples them alike.
-    lobes = replace(unit, amplitude=unit.amplitude / asg.integral(unit)[:, None])
-    image, out = (folder / name for name in ("lobes.exr", "lobes.npz"))
-    write_exr(image, asg.evaluate(lobes, mitsuba_directions()).view(IMAGE_ROWS, -1, 3), half=False)
+    lobes = three_lobes()
+    image, out = folder / "lobes.exr", folder / "lobes.npz"
+    write_image(image, lobes)
     job = {"image": str(image.resolve()), "out": str(out.resolve()), "size": size}
-    jobs = [{**job, "samples": samples, "seeds": SEEDS}]
+    what = {"materials": [*MATERIALS.values()], "pixels": "points"}
+    jobs = [{**job, **what, "samples": samples, "seeds": SEEDS}]
     renderers.run("dcc.mitsuba_render", jobs, folder, python)
     pictures = np.load(out)["balls"].astype(float)[..., scene.judged(size), :]
-    for place, material in enumerate(scene.MATERIALS):
-        ours = integrals(lobes, size, scene.MATERIALS[material])
+    for place, (material, roughness) in enumerate(MATERIALS.items()):
+        ours = integrals(lobes, size, roughness)
         with mock.patch.object(ggx, "visibility", separable_visibility):
-            as_mitsuba = integrals(lobes, size, scene.MATERIALS[material])
+            as_mitsuba = integrals(lobes, size, roughness)
         for index, sharpness in enumerate(SHARPNESS):
             seeds = pictures[:, :, place, :, index]  # [S, view, P]
             mean = seeds.mean(0)
@@ -130,6 +128,21 @@ def agreements(folder: Path, size: int, samples: int, python: Path) -> Iterator[
                 rows.relative_rms(mean, ours[..., index]),
                 rows.noise(seeds),
             )
+
+
+def three_lobes() -> Lobes:
+    """Return a lobe in each channel, of one flux each so that Mitsuba samples them alike."""
+    unit = Lobes(
+        axes_from_quaternion(torch.tensor(QUATERNIONS, dtype=torch.float64)),
+        torch.tensor(SHARPNESS, dtype=torch.float64),
+        torch.eye(3, dtype=torch.float64),
+    )
+    return replace(unit, amplitude=unit.amplitude / asg.integral(unit)[:, None])
+
+
+def write_image(path: Path, lobes: Lobes) -> None:
+    """Write the lobes' radiance where Mitsuba has texels."""
+    write_exr(path, asg.evaluate(lobes, mitsuba_directions()).view(IMAGE_ROWS, -1, 3), half=False)
 
 
 def mitsuba_directions() -> Tensor:

@@ -25,8 +25,10 @@ def render(task: Task) -> None:
     for shot in task.shots:
         for kind, image in _images(shot).items():
             out = _out(task, shot, kind)
+            paths = {"image": str(image.resolve()), "out": str(out.resolve())}
             common = {"size": task.size, "samples": SAMPLES_TIMES * task.samples, "seeds": SEEDS}
-            jobs.append({"image": str(image.resolve()), "out": str(out.resolve()), **common})
+            what = {"materials": [*scene.MATERIALS.values()], "pixels": "points"}
+            jobs.append({**paths, **common, **what})
     renderers.run("dcc.mitsuba_render", jobs, task.output)
 
 
