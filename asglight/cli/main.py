@@ -31,6 +31,7 @@ COMMANDS = {
     "view": "show lobes and images in a window, or write a picture of them",
     "compare": "set every method side by side on the same map and budget",
     "bench": "measure error against run time, and time against size",
+    "figures": "draw the figures of Clausen et al. 2024, with numbers",
     "demo": "fit the built-in moving environment and draw what came out",
 }
 _MODULES = {name: f"asglight.cli.{name}" for name in COMMANDS} | {
