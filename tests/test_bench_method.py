@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`benchmarks/method.py` and `docs_figures.py`: the arithmetic of tables, the page of captions."""
+
+import importlib
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from lobe_cases import sky_and_sun
+from PIL import Image
+
+from asglight.cli.progress import Lines
+from asglight.fitting.paper_losses import Loss
+from asglight.judging.metrics import METRIC_NAMES
+
+BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+if not BENCHMARKS.is_dir():
+    pytest.skip("benchmarks/ is in the repository alone", allow_module_level=True)
+sys.path.insert(0, str(BENCHMARKS))
+method = importlib.import_module("method")
+docs_figures = importlib.import_module("docs_figures")
+
+
+@pytest.fixture(autouse=True)
+def path_as_before() -> Iterator[None]:
+    yield
+    if str(BENCHMARKS) in sys.path:
+        sys.path.remove(str(BENCHMARKS))
+
+
+def errors(value: float, **others: float) -> dict[str, float]:
+    return dict.fromkeys(METRIC_NAMES, value) | others
+
+
+def test_spread_is_from_least_to_largest_and_their_factor() -> None:
+    found = {
+        "one": {"fast": [errors(0.1), errors(0.2), errors(0.15)]},
+        "two": {"fast": [errors(0.1), errors(0.3), errors(0.1)]},
+        "three": {"fast": [errors(0.1), errors(0.1), errors(0.1, irr=0.5)]},
+    }
+    table = method.spread_table(found, "fast").splitlines()
+    assert table[0] == "| fast | env | irr | r0.5 | r0.25 |"
+    assert table[2].startswith("| one | 0.1000 to 0.2000 | 0.1000 to 0.2000 |")
+    assert table[-2] == "| median factor | x 2.00 | x 3.00 | x 2.00 | x 2.00 |"
+    assert table[-1] == "| largest factor | x 3.00 | x 5.00 | x 3.00 | x 3.00 |"
+
+
+def test_losses_have_their_geometric_mean_and_their_wins() -> None:
+    first = {loss.value: errors(0.4) for loss in Loss} | {"L1": errors(0.1, flux=1.0)}
+    second = {loss.value: errors(0.1) for loss in Loss} | {"L2": errors(1e-6)}
+    table = method.losses_table({"first": first, "second": second}).splitlines()
+    rows = {row.split(" | ")[0].strip("| "): row for row in table[2:]}
+    assert rows["L1"].startswith("| L1 | 0.1000 (1) | 0.3162 (0) |")  # sqrt(1 x 0.1)
+    # counted as 1e-4: sqrt(0.4 x 1e-4)
+    assert rows["L2"].startswith(f"| L2 | {math.sqrt(4e-5):.4f} (1) |")
+    assert rows["L1 + L_D"].startswith("| L1 + L_D | 0.2000 (0) | 0.2000 (1) |")
+
+
+def test_a_map_is_turned_and_its_fit_turned_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+    original = method.fit_frame
+
+    def fit(reference: torch.Tensor, *arguments: Any) -> Any:
+        seen.append(reference)
+        return original(reference, *arguments)
+
+    monkeypatch.setattr(method, "fit_frame", fit)
+    monkeypatch.setattr(method, "REPEATS", 2)
+    monkeypatch.setattr(method, "LOBES", 2)
+    monkeypatch.setattr(method, "FLOATS", 12)
+    reference = sky_and_sun(20.0, 32)
+    found = method.measured(reference, "sky", 3, 8, Lines())
+    assert len(found["fast"]) == len(found["em"]) == len(found["paper"]) == 2
+    assert set(found["losses"]) == {loss.value for loss in Loss}
+    assert torch.equal(seen[1], reference.roll(method.STEP % 64, dims=1))
+    # Not turned back, a sun of half the light would be at another place: an env near 1 or above.
+    assert found["fast"][1]["env"] == pytest.approx(found["fast"][0]["env"], abs=0.1)
+    assert max(each["env"] for each in found["fast"]) < 0.5
+
+
+def test_page_keeps_its_head_and_takes_the_captions() -> None:
+    page = "# Figures\n\nA head.\n\n## Old\n\nold\n"
+    captions = ["## One\n\n![One](figure-lobes.png)\n\ntext\n", "## Two\n"]
+    found = docs_figures.assembled(page, captions)
+    assert found == (
+        "# Figures\n\nA head.\n\n## One\n\n![One](images/figure-lobes.png)\n\ntext\n\n## Two\n"
+    )
+    assert docs_figures.assembled(found, captions) == found
+
+
+def test_pictures_keep_their_looks_in_256_colours(tmp_path: Path) -> None:
+    x = np.linspace(0, 1, 120)
+    ramp = np.stack(np.broadcast_arrays(x[:, None], x[None], 0.4), -1)
+    ramp[50:60, 50:60] = (1, 0, 0)  # a rare hue
+    before = (255 * ramp).astype(np.uint8)
+    Image.fromarray(before).save(tmp_path / "a.png")
+    docs_figures.shrink(tmp_path / "a.png", tmp_path / "b.png")
+    with Image.open(tmp_path / "b.png") as picture:
+        assert picture.mode == "P"
+        after = np.asarray(picture.convert("RGB")).astype(float)
+    blocks = [image.reshape(12, 10, 12, 10, 3).mean((1, 3)) for image in (before, after)]
+    # dither keeps means; what is left is what it carries over a block's edge
+    assert np.abs(blocks[0] - blocks[1]).max() < 12
