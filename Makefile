@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 
-.PHONY: help setup setup-dcc demo pictures bench bench-fit test test-fast test-usd test-dcc test-dcc-short \
+.PHONY: help setup setup-dcc demo pictures bench bench-fit figures test test-fast test-usd test-dcc test-dcc-short \
   test-ball-truth dcc-picture lint format clean
 
 help:            ## list the targets
@@ -38,6 +38,13 @@ bench: setup     ## error against run time, in two minutes each, held against th
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
 	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
+
+figures: setup   ## the paper's figures on MAPS and SEQUENCES, into docs/figures.md (figures-output/)
+	$(BIN)/asglight figures lobes "$(MAPS)/lobby.exr" -o figures-output
+	$(BIN)/asglight figures losses "$(MAPS)/lobby.exr" -o figures-output
+	$(BIN)/asglight figures time "$(SEQUENCES)/handheld" -o figures-output
+	$(BIN)/asglight figures forms "$(MAPS)/lobby.exr" -o figures-output
+	$(BIN)/python benchmarks/docs_figures.py figures-output docs
 
 test: setup      ## all tests, a file of them on each core at a time
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
@@ -76,4 +83,4 @@ format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) .venv-dcc demo-output dcc-output pictures bench-output bench-fit test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-dcc demo-output dcc-output pictures bench-output bench-fit figures-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis

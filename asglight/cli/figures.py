@@ -45,8 +45,8 @@ LOBE_COUNTS = (1, 2, 4, 8, 15, 30, 60)
 LOBES_MAX = 120
 STEPS, ROWS, STARTS = 1200, 64, 3
 ROWS_MIN, STARTS_MAX = 8, 9
-FRAMES = 24
-"""Of a sequence, where --frames does not choose: a second."""
+FRAMES = 16
+"""Of a sequence, where --frames does not choose: four minutes of one core."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         if name == "losses":
             starts = "starts, over which errors are averaged (default: %(default)s)"
             add("--starts", type=int, default=STARTS, metavar="N", help=starts)
+        if name == "time":
+            row = "latitude of the row, in degrees (default: the row that changes most)"
+            add("--latitude", type=float, metavar="DEG", help=row)
         add("--dark", action="store_true", help="a picture for dark pages")
         add_input_options(figure)
         add_json_option(figure)
@@ -103,6 +106,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Measure, draw, write picture, caption and numbers, and say where they are."""
     plan = plan_for(arguments)
+    if vars(arguments).get("latitude") is not None:
+        checked("latitude", arguments.latitude, -90, 90)
     folder = made_folder(Path(arguments.output))
     with reporter() as report:
         shot = opened(arguments, report)
@@ -157,7 +162,7 @@ def plan_for(arguments: argparse.Namespace) -> "Plan":
     return Plan(counts[0], tuple(counts), steps, rows, starts)
 
 
-def checked(name: str, value: int, low: int, high: int) -> int:
+def checked(name: str, value: float, low: int, high: int) -> Any:
     """Return a number that is in range.
 
     Raises:
@@ -237,7 +242,7 @@ def command_of(arguments: argparse.Namespace) -> str:
     usual = {"lobes": str(LOBES), "steps": STEPS, "rows": ROWS, "starts": STARTS}
     if arguments.figure == "lobes":
         usual["lobes"] = ",".join(map(str, LOBE_COUNTS))
-    for name in (*usual, "frames", "layer", "input_colorspace"):
+    for name in (*usual, "latitude", "frames", "layer", "input_colorspace"):
         value = vars(arguments).get(name)
         if value is not None and value != usual.get(name):
             words += [f"--{name.replace('_', '-')}", str(value)]
@@ -306,7 +311,7 @@ def draw_time(arguments: argparse.Namespace, shot: Shot, plan: "Plan", report: R
     from asglight.judging.paper_figures_stack import draw_stack
     from asglight.judging.paper_figures_time import stacked
 
-    found = stacked(shot.maps, shot.frames, plan, report.follow)
+    found = stacked(shot.maps, shot.frames, plan, report.follow, arguments.latitude)
     title = (
         f"{shot.name}: the row at {found.latitude_deg:+.0f}° over {len(shot.frames)} frames, "
         f"{plan.lobes} lobes"

@@ -81,7 +81,11 @@ class Stacked:
 
 
 def stacked(
-    references: Sequence[Tensor], frames: Sequence[int], plan: Plan, follow: Follow
+    references: Sequence[Tensor],
+    frames: Sequence[int],
+    plan: Plan,
+    follow: Follow,
+    latitude_deg: float | None = None,
 ) -> Stacked:
     """Fit a sequence in four ways and take a row of each frame.
 
@@ -90,9 +94,10 @@ def stacked(
         frames: Their numbers.
         plan: Lobes, and steps and rows of the paper's recipe.
         follow: Shows how far this is.
+        latitude_deg: Where the row is; None for the one that changes most.
     """
     shot = torch.stack(list(references))
-    index = liveliest_row(shot)
+    index = liveliest_row(shot) if latitude_deg is None else row_at(latitude_deg, shot.shape[1])
     ways: dict[str, tuple[list[Lobes], int, float]] = {}
     coarse = [coarsened(reference, plan.rows) for reference in references]
     for name in (WITH, WITHOUT, INDEPENDENT):
@@ -111,10 +116,10 @@ def stacked(
 
 
 def liveliest_row(shot: Tensor) -> int:
-    """Return the row that changes most from frame to frame, its texels' solid angles aside.
+    """Return the row that changes most from frame to frame, by its solid angle.
 
     Of the logarithm of 1 + luminance over the mean: a sun that moves by a texel would else outweigh
-    all.
+    all. The solid angle keeps it from the poles, where a row is one direction.
 
     Args:
         shot: Maps.  [F, H, W, 3]
@@ -123,7 +128,12 @@ def liveliest_row(shot: Tensor) -> int:
     weight = latlong.texel_solid_angles(*shot.shape[1:3])
     mean = (level * weight).sum() / (weight.sum() * len(shot))
     seen = (level / mean.clamp(min=torch.finfo(level.dtype).tiny)).log1p()
-    return int(seen.diff(dim=0).abs().mean((0, 2)).argmax())
+    return int((seen.diff(dim=0).abs() * weight).sum((0, 2)).argmax())
+
+
+def row_at(latitude_deg: float, height: int) -> int:
+    """Return the row that holds a latitude."""
+    return min(int((90 - latitude_deg) / 180 * height), height - 1)
 
 
 def _paper_way(

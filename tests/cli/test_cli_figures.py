@@ -86,15 +86,16 @@ def test_time_follows_the_frames_that_are_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["figures", "time", "-o", str(tmp_path), "--lobes", "2", "--steps", "4", "--rows", "8"]
-    assert main([*words, "--frames", "1002-1003", "--json"]) == 0
+    assert main([*words, "--frames", "1002-1003", "--json", "--latitude", "10"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == document(tmp_path, "time")
     assert printed["frames"] == [1002, 1003]
+    assert "Row 7 of the map, at +6 degrees" in (tmp_path / "figure-time.md").read_text()
     assert [way["name"] for way in printed["fits"]] == [
         "with L_T", "without L_T", "independent", "fast"
     ]  # fmt: skip
     assert [way["steps"] for way in printed["fits"]] == [4 + 1, 4 + 1, 4 + 4, 0]
-    assert printed["command"].endswith("--lobes 2 --steps 4 --rows 8 --frames 1002-1003")
+    assert printed["command"].endswith("--rows 8 --latitude 10.0 --frames 1002-1003")
 
 
 def test_images_are_read_as_other_commands_do(
@@ -122,6 +123,7 @@ def test_images_are_read_as_other_commands_do(
         (["losses", "--steps", "24001"], "steps: 24001; expected 1 to 24000"),
         (["lobes", "--rows", "7"], "rows: 7; expected 8 to 256"),
         (["losses", "--starts", "10"], "starts: 10; expected 1 to 9"),
+        (["time", "--latitude", "91"], "latitude: 91.0; expected -90 to 90"),
         (["forms", "--starts", "2"], "unrecognized arguments: --starts"),
         (["time", "--frames", "1002"], "built-in environment: has one frame; expected two or more"),
         (["time", "--frames", "1002-1004"], "frames: 1004; expected some of 1001, 1002, 1003 of"),

@@ -108,8 +108,17 @@ def test_the_row_that_is_shown_is_the_one_in_which_a_lamp_moves() -> None:
     shot = torch.stack([texels.texel_means(moving_lamp(k), 18, 36).float() for k in range(3)])
     index = liveliest_row(shot)
     assert index == 7  # of rows of 10 degrees the one from +20 to +10, where the lamp is
-    shot[:, 2] = torch.tensor([0.0, 5.0, 0.0])[:, None, None]  # blinks all over
-    assert liveliest_row(shot) == 2
+    shot[:, 5] = torch.tensor([0.0, 5.0, 0.0])[:, None, None]  # blinks all over
+    assert liveliest_row(shot) == 5
+    shot[:, 0] = torch.tensor([0.0, 8.0, 0.0])[:, None, None]  # more so, but it is one direction
+    assert liveliest_row(shot) == 5
+
+
+def test_a_row_is_found_by_its_latitude() -> None:
+    assert [paper_figures_time.row_at(latitude, 18) for latitude in (90, 81, 79, 0.1, -0.1)] == [
+        0, 0, 1, 8, 9
+    ]  # fmt: skip
+    assert paper_figures_time.row_at(-90, 18) == 17
 
 
 def test_stacked_row_of_a_moving_lamp_is_a_line_that_goes_with_it(
