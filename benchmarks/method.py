@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much of an error is chance, and which loss is best: the tables of docs/method.md.
+"""How much of an error is chance, which loss and which lobes are best: tables of docs/method.md.
 
     python benchmarks/method.py --maps ../shared/hdri -o method.json
 
-`fast` and EM draw no random numbers. Their chance is where the map lies on grids and spirals that
-they are built on: each map is therefore turned about the vertical by several numbers of columns,
-which changes nothing else, and the fit is turned back. The paper's recipe starts from a seed, so it
-has several seeds. On every map it is run with each of its six losses from the first seed too.
+Three parts. `spread`: `fast` and EM draw no random numbers. Their chance is where the map lies on
+grids and spirals that they are built on: each map is therefore turned about the vertical by several
+numbers of columns, which changes nothing else, and the fit is turned back. The paper's recipe starts
+from a seed, so it has several seeds. `losses`: the recipe with each of its six losses, from one
+seed. `forms`: `fast` with every lobe function.
 """
 
 import argparse
@@ -14,7 +15,7 @@ import json
 import math
 import statistics
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,16 @@ from asglight.judging.metrics import METRIC_NAMES, maps_errors
 from asglight.judging.paper_figures import coarsened
 from asglight.lobes import Form, Lobes, texels
 
+STEPS, ROWS = 1200, 64
+"""Of the paper's recipe: a twentieth of its steps, on a quarter of its rows."""
+
+FORMS = {
+    (Form.SG, 15): "sg, 15 lobes, 90 floats",
+    (Form.SG, 20): "sg, 20 lobes, 120 floats",
+    (Form.ASG, 15): "asg, 15 lobes, 120 floats",
+    (Form.BINGHAM, 15): "bingham, 15 lobes, 120 floats",
+}
+
 REPEATS = 5
 STEP = 103
 """Columns between two turns of a map of 512: no multiple of a coarse cell, 4 columns wide."""
@@ -50,73 +61,87 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="method", description=__doc__)
     add = parser.add_argument
     add("--maps", type=Path, required=True, metavar="DIR", help="latlong OpenEXR files")
-    add("--steps", type=int, default=1200, metavar="N", help="Adam steps of the recipe (1200)")
-    add("--rows", type=int, default=64, metavar="N", help="rows of its map (64)")
+    add("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="what (default: all)")
     add("-o", "--output", type=Path, default=Path("method.json"), metavar="FILE")
     options = parser.parse_args(argv)
-    paths = sorted(options.maps.glob("*.exr"))
-    found: dict[str, Any] = {}
+    found: dict[str, dict[str, Any]] = {part: {} for part in options.parts}
     with reporter() as report:
-        for path in paths:
+        for path in sorted(options.maps.glob("*.exr")):
             reference = read_latlong(path, height=FIT_HEIGHT).radiance
-            found[path.stem] = measured(reference, path.stem, options.steps, options.rows, report)
+            for part in options.parts:
+                fits = PARTS[part](reference, report, f"{path.stem}: {part}")
+                found[part][path.stem] = judged(list(fits), reference)
             options.output.write_text(json.dumps(found, indent=1) + "\n")
-    print("\n\n".join(spread_table(found, name) for name in ("fast", "em", "paper")))
-    print(f"\n{losses_table({name: each['losses'] for name, each in found.items()})}")
+    print("\n\n".join(table for part in options.parts for table in tables(part, found[part])))
     return 0
 
 
-def measured(
-    reference: Tensor, name: str, steps: int, rows: int, report: Reporter
-) -> dict[str, Any]:
-    """Return the errors of repeated fits by method, and those of the six losses.
+def judged(fits: Sequence[tuple[str, Tensor]], reference: Tensor) -> dict[str, list[Errors]]:
+    """Return the errors of maps by what they are of, in their order.
 
     Args:
+        fits: Names and maps.  [H, W, 3]
         reference: The map.  [H, W, 3]
-        name: Of the map.
-        steps: Of the paper's recipe.
-        rows: Of the map that it is given.
-        report: Shows progress.
     """
-    every = list(_fits(reference, steps, rows, report, name))
-    judged = maps_errors(torch.stack([radiance for _, radiance in every]), reference)
-    repeats: dict[str, list[Errors]] = {"fast": [], "em": [], "paper": []}
-    losses: dict[str, Errors] = {}
-    for (kind, _), errors in zip(every, judged, strict=True):
-        if kind in repeats:
-            repeats[kind].append(errors.values)
-        else:
-            losses[kind] = errors.values
-    losses[Loss.L1_LD.value] = repeats["paper"][0]
-    return {**repeats, "losses": losses}
+    found: dict[str, list[Errors]] = {}
+    errors = maps_errors(torch.stack([radiance for _, radiance in fits]), reference)
+    for (name, _), each in zip(fits, errors, strict=True):
+        found.setdefault(name, []).append(each.values)
+    return found
 
 
-def _fits(
-    reference: Tensor, steps: int, rows: int, report: Reporter, name: str
-) -> Iterator[tuple[str, Tensor]]:
-    """Return what each fit shows, on the map as it is.  [H, W, 3]."""
-    for repeat in report.follow(range(REPEATS), f"{name}: fast and EM, turned", REPEATS):
+def spread(reference: Tensor, report: Reporter, label: str) -> Iterator[tuple[str, Tensor]]:
+    """Fit a map several times with each method; return what each fit shows.  [H, W, 3]."""
+    for repeat in report.follow(range(REPEATS), label, REPEATS):
         columns = repeat * STEP
         turned = reference.roll(columns, dims=1)
         yield "fast", _map(fit_frame(turned, FitOptions(LOBES), None).lobes, turned, columns)
         em = methods.run(METHODS["em"], Task(turned, FLOATS, 0, lambda: None))
         yield "em", em.texel_means(*turned.shape[:2]).roll(-columns, dims=1)
-    coarse = coarsened(reference, rows)
-    runs = [("paper", Loss.L1_LD, seed) for seed in range(REPEATS)]
-    runs += [(loss.value, loss, 0) for loss in Loss if loss != Loss.L1_LD]
-    for kind, loss, seed in report.follow(runs, f"{name}: the paper's recipe", len(runs)):
-        begin = paper.start(coarse, LOBES, Form.ASG, seed)
-        with one_thread():
-            lobes = paper.fit_frame(coarse, begin, steps=steps, loss=loss)
-        yield kind, _map(lobes, reference, 0)
+        yield "paper", _recipe(reference, Loss.L1_LD, repeat)
 
 
-def _map(lobes: Lobes, reference: Tensor, columns: int) -> Tensor:
+def losses(reference: Tensor, report: Reporter, label: str) -> Iterator[tuple[str, Tensor]]:
+    """Run the recipe with each loss; return what each fit shows.  [H, W, 3]."""
+    for loss in report.follow(Loss, label, len(Loss)):
+        yield loss.value, _recipe(reference, loss, 0)
+
+
+def forms(reference: Tensor, report: Reporter, label: str) -> Iterator[tuple[str, Tensor]]:
+    """Fit with each lobe function; return what each fit shows.  [H, W, 3]."""
+    for (form, count), name in report.follow(FORMS.items(), label, len(FORMS)):
+        yield name, _map(fit_frame(reference, FitOptions(count, form=form), None).lobes, reference)
+
+
+PARTS: dict[str, Callable[[Tensor, Reporter, str], Iterator[tuple[str, Tensor]]]] = {
+    "spread": spread,
+    "losses": losses,
+    "forms": forms,
+}
+
+
+def _recipe(reference: Tensor, loss: Loss, seed: int) -> Tensor:
+    """Return what the paper's recipe comes to.  [H, W, 3]."""
+    coarse = coarsened(reference, ROWS)
+    begin = paper.start(coarse, LOBES, Form.ASG, seed)
+    with one_thread():
+        return _map(paper.fit_frame(coarse, begin, steps=STEPS, loss=loss), reference)
+
+
+def _map(lobes: Lobes, reference: Tensor, columns: int = 0) -> Tensor:
+    """Return texel means, turned back by so many columns.  [H, W, 3]."""
     means = texels.texel_means(lobes.to(torch.float32), *reference.shape[:2])
     return means.roll(-columns, dims=1)
 
 
-def spread_table(found: dict[str, Any], method: str) -> str:
+def tables(part: str, found: dict[str, dict[str, list[Errors]]]) -> list[str]:
+    """Return the tables of a part, by map and name."""
+    if part == "spread":
+        return [spread_table(found, name) for name in ("fast", "em", "paper")]
+    return [means_table(found, part)]
+
+
+def spread_table(found: dict[str, dict[str, list[Errors]]], method: str) -> str:
     """Return least and largest error of repeated fits by map, and how far they are apart."""
     lines = [f"| {method} | {' | '.join(SPREAD)} |", f"|---|{'--:|' * len(SPREAD)}"]
     factors: dict[str, list[float]] = {name: [] for name in SPREAD}
@@ -133,21 +158,25 @@ def spread_table(found: dict[str, Any], method: str) -> str:
     return "\n".join(lines)
 
 
-def losses_table(found: dict[str, dict[str, Errors]]) -> str:
-    """Return each loss's geometric mean over the maps, and on how many it is the best of six."""
-    lines = [f"| loss | {' | '.join(METRIC_NAMES)} |", f"|---|{'--:|' * len(METRIC_NAMES)}"]
-    best = {name: Counter(_best(each, name) for each in found.values()) for name in METRIC_NAMES}
-    for loss in Loss:
+def means_table(found: dict[str, dict[str, list[Errors]]], head: str) -> str:
+    """Return geometric means over the maps, and on how many each is the best."""
+    names = list(next(iter(found.values())))
+    lines = [f"| {head} | {' | '.join(METRIC_NAMES)} |", f"|---|{'--:|' * len(METRIC_NAMES)}"]
+    best = {
+        metric: Counter(_best(each, metric) for each in found.values()) for metric in METRIC_NAMES
+    }
+    for name in names:
         cells = []
-        for name in METRIC_NAMES:
-            logs = [math.log(max(each[loss.value][name], FLOOR)) for each in found.values()]
-            cells.append(f"{math.exp(statistics.fmean(logs)):.4f} ({best[name][loss]})")
-        lines.append(f"| {loss.value} | {' | '.join(cells)} |")
+        for metric in METRIC_NAMES:
+            errors = [each[name][0][metric] for each in found.values()]
+            logs = [math.log(max(error, FLOOR)) for error in errors]
+            cells.append(f"{math.exp(statistics.fmean(logs)):.4f} ({best[metric][name]})")
+        lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def _best(errors: dict[str, Errors], name: str) -> Loss:
-    return min(Loss, key=lambda loss: errors[loss.value][name])
+def _best(errors: dict[str, list[Errors]], metric: str) -> str:
+    return min(errors, key=lambda name: errors[name][0][metric])
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 """`benchmarks/method.py` and `docs_figures.py`: the arithmetic of tables, the page of captions."""
 
 import importlib
+import json
 import math
 import sys
 from collections.abc import Iterator
@@ -16,7 +17,9 @@ from PIL import Image
 
 from asglight.cli.progress import Lines
 from asglight.fitting.paper_losses import Loss
+from asglight.images import write_exr
 from asglight.judging.metrics import METRIC_NAMES
+from asglight.lobes import Form
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 if not BENCHMARKS.is_dir():
@@ -51,9 +54,9 @@ def test_spread_is_from_least_to_largest_and_their_factor() -> None:
 
 
 def test_losses_have_their_geometric_mean_and_their_wins() -> None:
-    first = {loss.value: errors(0.4) for loss in Loss} | {"L1": errors(0.1, flux=1.0)}
-    second = {loss.value: errors(0.1) for loss in Loss} | {"L2": errors(1e-6)}
-    table = method.losses_table({"first": first, "second": second}).splitlines()
+    first = {loss.value: [errors(0.4)] for loss in Loss} | {"L1": [errors(0.1, flux=1.0)]}
+    second = {loss.value: [errors(0.1)] for loss in Loss} | {"L2": [errors(1e-6)]}
+    table = method.means_table({"first": first, "second": second}, "loss").splitlines()
     rows = {row.split(" | ")[0].strip("| "): row for row in table[2:]}
     assert rows["L1"].startswith("| L1 | 0.1000 (1) | 0.3162 (0) |")  # sqrt(1 x 0.1)
     # counted as 1e-4: sqrt(0.4 x 1e-4)
@@ -70,17 +73,34 @@ def test_a_map_is_turned_and_its_fit_turned_back(monkeypatch: pytest.MonkeyPatch
         return original(reference, *arguments)
 
     monkeypatch.setattr(method, "fit_frame", fit)
-    monkeypatch.setattr(method, "REPEATS", 2)
-    monkeypatch.setattr(method, "LOBES", 2)
-    monkeypatch.setattr(method, "FLOATS", 12)
-    reference = sky_and_sun(20.0, 32)
-    found = method.measured(reference, "sky", 3, 8, Lines())
-    assert len(found["fast"]) == len(found["em"]) == len(found["paper"]) == 2
-    assert set(found["losses"]) == {loss.value for loss in Loss}
-    assert torch.equal(seen[1], reference.roll(method.STEP % 64, dims=1))
+    small = {"REPEATS": 2, "LOBES": 2, "FLOATS": 12, "STEPS": 3, "ROWS": 8}
+    for name, value in small.items():
+        monkeypatch.setattr(method, name, value)
+    reference = sky_and_sun(20.0, 16)
+    found = method.judged(list(method.spread(reference, Lines(), "sky")), reference)
+    assert {name: len(each) for name, each in found.items()} == {"fast": 2, "em": 2, "paper": 2}
+    assert torch.equal(seen[1], reference.roll(method.STEP % 32, dims=1))
     # Not turned back, a sun of half the light would be at another place: an env near 1 or above.
     assert found["fast"][1]["env"] == pytest.approx(found["fast"][0]["env"], abs=0.1)
     assert max(each["env"] for each in found["fast"]) < 0.5
+
+
+def test_every_map_of_a_folder_is_in_the_tables(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("one", "two"):
+        write_exr(tmp_path / f"{name}.exr", sky_and_sun(20.0, 16))
+    monkeypatch.setattr(method, "FORMS", {(Form.SG, 2): "round", (Form.ASG, 1): "long"})
+    for name, value in {"LOBES": 2, "STEPS": 3, "ROWS": 8}.items():
+        monkeypatch.setattr(method, name, value)
+    words = ["--maps", str(tmp_path), "--parts", "forms", "losses", "-o", str(tmp_path / "o.json")]
+    assert method.main(words) == 0
+    out = capsys.readouterr().out
+    assert "| round | " in out
+    assert "| L2 of sRGB | " in out
+    found = json.loads((tmp_path / "o.json").read_text())
+    assert list(found["forms"]) == ["one", "two"]
+    assert set(found["losses"]["one"]) == {loss.value for loss in Loss}
 
 
 def test_page_keeps_its_head_and_takes_the_captions() -> None:
