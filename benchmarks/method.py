@@ -5,7 +5,7 @@
 
 Three parts. `spread`: `fast` and EM draw no random numbers. Their chance is where the map lies on
 grids and spirals that they are built on: each map is therefore turned about the vertical by several
-numbers of columns, which changes nothing else, and the fit is turned back. The paper's recipe starts
+numbers of columns, which changes nothing else, and the fit is turned back. The recipe starts
 from a seed, so it has several seeds. `losses`: the recipe with each of its six losses, from one
 seed. `forms`: `fast` with every lobe function.
 """
