@@ -4,6 +4,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from torch import Tensor
 
 from asglight.judging.display import luminance, view_transform
@@ -56,14 +57,15 @@ def draw_stack(title: str, found: Stacked, foot: str, theme: Theme = DARK) -> Fi
     rows = [found.row, *(way.row for way in found.ways)]
     names = ["reference", *(TITLES[way.name] for way in found.ways)]
     for column, (row, name) in enumerate(zip(rows, names, strict=True)):
-        axes = _panel(grid, 0, column, found, theme)
-        axes.imshow(view_transform(row, found.stops), **_extent(found))
+        axes = _panel(grid, 0, column, found)
+        axes.imshow(view_transform(row, found.stops), **_extent(len(row)))
         grid.column_title(column, name)
-    image = None
+    image: AxesImage | None = None
     for column, way in enumerate(found.ways, start=1):
-        axes = _panel(grid, 1, column, found, theme)
+        axes = _panel(grid, 1, column, found)
         limits = {"vmin": -CHANGE_RANGE, "vmax": CHANGE_RANGE, "cmap": DIFFERENCE_COLOURS}
-        image = axes.imshow(wrong_change(way.row, found.row), **_extent(found), **limits)
+        changes = wrong_change(way.row, found.row)
+        image = axes.imshow(changes, **_extent(len(changes), 0.5), **limits)
         errors = {name: percent(error) for name, error in way.mean.items()}
         numbers = (
             f"flicker {errors['flicker']} %, {way.jumps} jumps\n"
@@ -97,15 +99,20 @@ def wrong_change(row: Tensor, reference: Tensor) -> np.ndarray:
     return (difference / (mean if mean > 0 else 1.0)).numpy()
 
 
-def _extent(found: Stacked) -> dict:
-    """Return where a stack lies: longitude as the map has it, left +180, frames down."""
-    first, last = -0.5, len(found.frames) - 0.5
-    return {"extent": (180, -180, last, first), "aspect": "auto", "interpolation": "nearest"}
+def _extent(count: int, first: float = 0.0) -> dict:
+    """Return where a stack lies: longitude as the map has it, left +180, frames down.
+
+    Args:
+        count: Rows of the stack.
+        first: Place of the middle of the first; a change lies between two frames.
+    """
+    top = first - 0.5
+    return {"extent": (180, -180, top + count, top), "aspect": "auto", "interpolation": "nearest"}
 
 
-def _panel(grid: Grid, row: int, column: int, found: Stacked, theme: Theme) -> Axes:
+def _panel(grid: Grid, row: int, column: int, found: Stacked) -> Axes:
     """Return axes with longitudes below and, at the first of a row, frames beside."""
-    axes = grid.axes(row, column)
+    axes, theme = grid.axes(row, column), grid.theme
     axes.set_axis_on()
     axes.tick_params(colors=theme.faint, length=3, labelsize=10)
     for spine in axes.spines.values():
@@ -123,7 +130,7 @@ def _caption_level(height: int) -> float:
     return 1 - (TOP + 2 * STACK_HEIGHT + BETWEEN + 30) / height
 
 
-def _bar(figure: Figure, grid: Grid, image: object, columns: int) -> None:
+def _bar(figure: Figure, grid: Grid, image: AxesImage, columns: int) -> None:
     """Draw the scale of the changes beside the last panel."""
     x, y = grid.corner(1, columns)
     box = (
@@ -132,7 +139,7 @@ def _bar(figure: Figure, grid: Grid, image: object, columns: int) -> None:
         12 / grid.width,
         STACK_HEIGHT / grid.height,
     )
-    bar = figure.colorbar(image, cax=figure.add_axes(box), extend="both")  # pyright: ignore
+    bar = figure.colorbar(image, cax=figure.add_axes(box), extend="both")
     bar.outline.set_visible(False)
     bar.set_ticks([-CHANGE_RANGE, 0, CHANGE_RANGE])
     bar.ax.set_yticklabels(["darkens\n-50 %", "0", "brightens\n+50 %"])

@@ -174,6 +174,10 @@ def test_stack_has_a_panel_a_way_with_its_numbers() -> None:
     assert len(rows) == 1 + 4
     extents = {tuple(image.get_extent()) for image in rows}
     assert extents == {(180, -180, 3.5, -0.5)}  # left edge lon = pi, the first frame above
+    changes = [image for image in images if image.get_array().shape == (3, 16)]
+    extents = {tuple(image.get_extent()) for image in changes}
+    assert extents == {(180, -180, 3.0, 0.0)}  # each between two frames
+    assert len(changes) == 4
     reference, held = rows[0].get_array(), rows[1].get_array()
     assert [int(frame[:, 0].argmax()) for frame in reference] == [0, 1, 2, 3]
     assert [int(frame[:, 0].argmax()) for frame in held] == [0] * 4
