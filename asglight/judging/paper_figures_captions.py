@@ -169,8 +169,9 @@ def time_caption(found: Stacked, plan: Plan) -> str:
     next_steps = max(plan.steps // NEXT_SHARE, 1)
     run = (
         f"Row {found.index} of the map, at {found.latitude_deg:+.0f} degrees, of "
-        f"{len(found.frames)} frames: above the row, below how its luminance changes from frame to "
-        "frame, less how the map's does, over the row's mean. The paper's recipe: "
+        f"{len(found.frames)} frames: above the row; below what a ball of roughness 0.25 shows "
+        "along it, how its luminance changes from frame to frame, less how it does under the map, "
+        "over the mean. The paper's recipe: "
         f"{recipe(plan)} for the first frame, {next_steps:,} of {paper.NEXT_FRAME_STEPS:,} for "
         f"each next one, gamma {paper.GAMMA:g}; frames by themselves take {plan.steps:,} each, "
         f"from one start. {JUDGED}, means over the frames; `flicker` is that of r0.25. A jump is a "

@@ -18,17 +18,17 @@ PANEL_WIDTH, GAP, LEFT, TOP = 250, 20, 96, 168
 
 STACK_HEIGHT, BETWEEN, FOOT = 300, 44, 140
 
-CHANGE_RANGE = 0.5
+CHANGE_RANGE = 0.2
 """Of the mean luminance of the row: a change beyond it is plainly seen."""
 
-CHANGE = """change from each frame
+CHANGE = """on a glossy ball (0.25):
+change from each frame
 to the next,
 fit less reference"""
 
 LEGEND = """dark: it changes as the map
-lines down: a light is missing
-or its lobe lags behind
-bands across: flicker"""
+bright: it flickers, or misses
+a light that moves or flickers"""
 
 TITLES = {
     WITH: "paper's recipe\nwith L_T",
@@ -64,7 +64,7 @@ def draw_stack(title: str, found: Stacked, foot: str, theme: Theme = DARK) -> Fi
     for column, way in enumerate(found.ways, start=1):
         axes = _panel(grid, 1, column, found)
         limits = {"vmin": -CHANGE_RANGE, "vmax": CHANGE_RANGE, "cmap": DIFFERENCE_COLOURS}
-        changes = wrong_change(way.row, found.row)
+        changes = wrong_change(way.glossy, found.glossy)
         image = axes.imshow(changes, **_extent(len(changes), 0.5), **limits)
         errors = {name: percent(error) for name, error in way.mean.items()}
         numbers = (
@@ -78,24 +78,24 @@ def draw_stack(title: str, found: Stacked, foot: str, theme: Theme = DARK) -> Fi
     _bar(figure, grid, image, columns)
     x, y = grid.corner(1, 0)
     grid.write(x, y + 24, CHANGE, 13, theme.text, "left", "top")
-    grid.write(x, y + 120, LEGEND, 11, theme.faint, "left", "top")
+    grid.write(x, y + 146, LEGEND, 11, theme.faint, "left", "top")
     grid.write(24, height - 22 - 22 * foot.count("\n"), foot, 11, theme.faint, "left", "top")
     return figure
 
 
-def wrong_change(row: Tensor, reference: Tensor) -> np.ndarray:
-    """Return how much more the fit brightens than the map, over the mean luminance of the row.
+def wrong_change(glossy: Tensor, reference: Tensor) -> np.ndarray:
+    """Return how much more the fit brightens than the map, over the mean luminance.
 
     Args:
-        row: The row of each frame's fit.  [F, W, 3]
-        reference: The same of the frames.  [F, W, 3]
+        glossy: What a glossy ball shows of each frame's fit.  [F, D, 3]
+        reference: The same of the frames.  [F, D, 3]
 
     Returns:
-        For each frame after the first.  [F - 1, W]
+        For each frame after the first.  [F - 1, D]
     """
     level = luminance(reference)
     mean = float(level.mean())
-    difference = luminance(row).diff(dim=0) - level.diff(dim=0)
+    difference = (luminance(glossy) - level).diff(dim=0)
     return (difference / (mean if mean > 0 else 1.0)).numpy()
 
 
@@ -141,6 +141,7 @@ def _bar(figure: Figure, grid: Grid, image: AxesImage, columns: int) -> None:
     )
     bar = figure.colorbar(image, cax=figure.add_axes(box), extend="both")
     bar.outline.set_visible(False)
+    most = round(100 * CHANGE_RANGE)
     bar.set_ticks([-CHANGE_RANGE, 0, CHANGE_RANGE])
-    bar.ax.set_yticklabels(["darkens\n-50 %", "0", "brightens\n+50 %"])
+    bar.ax.set_yticklabels([f"darkens\n-{most} %", "0", f"brightens\n+{most} %"])
     bar.ax.tick_params(color=grid.theme.faint, labelcolor=grid.theme.text, labelsize=10, length=0)

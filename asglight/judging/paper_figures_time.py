@@ -25,11 +25,16 @@ from asglight.judging.metrics import FrameErrors, maps_errors, sequence_errors
 from asglight.judging.paper_figures import Plan, coarsened
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
+from asglight.shading import kernels
 from asglight.sphere import latlong
 
 NEXT_SHARE = paper.FIRST_FRAME_STEPS // paper.NEXT_FRAME_STEPS
 """A next frame has one in so many of the steps of the first, as published."""
 
+ROUGHNESS, DIRECTIONS = 0.25, 64
+"""Of the ball along the row: that of `flicker`; 5.6 degrees apart, a third of what it blurs."""
+
+REFERENCE = "reference"
 WITH, WITHOUT, INDEPENDENT, OURS = "with L_T", "without L_T", "independent", "fast"
 
 
@@ -40,6 +45,7 @@ class Followed:
     Attributes:
         name: The way.
         row: The row that is shown, of each frame's fit.  [F, W, 3]
+        glossy: What a ball of roughness 0.25 shows along the row.  [F, D, 3]
         mean: Means of the errors over the frames, and flicker (`metrics`).
         jumps: Lit lobes that turn by more than 10 degrees between two frames.
         steps: Adam steps in all; 0 for `fast`.
@@ -48,6 +54,7 @@ class Followed:
 
     name: str
     row: Tensor = field(repr=False)
+    glossy: Tensor = field(repr=False)
     mean: dict[str, float]
     jumps: int
     steps: int
@@ -68,6 +75,7 @@ class Stacked:
         index: Of the row that is shown.
         latitude_deg: Of its middle.
         row: The row of each frame.  [F, W, 3]
+        glossy: What a ball of roughness 0.25 shows along the row.  [F, D, 3]
         stops: Exposure at which the sequence is seen.
         ways: How it was fitted.
     """
@@ -76,6 +84,7 @@ class Stacked:
     index: int
     latitude_deg: float
     row: Tensor = field(repr=False)
+    glossy: Tensor = field(repr=False)
     stops: float
     ways: tuple[Followed, ...]
 
@@ -104,15 +113,15 @@ def stacked(
         passed = follow(coarse, f"paper's recipe, {name}, frames", len(coarse))
         ways[name] = _paper_way(passed, plan, name)
     ways[OURS] = _our_way(follow(references, "fast, frames", len(references)), plan, references)
-    shown, judged = _judged({name: way[0] for name, way in ways.items()}, shot, index, follow)
+    found = {name: way[0] for name, way in ways.items()}
+    seen, judged = _judged(found, shot, index, follow)
     listed = [
-        Followed(name, shown[name], judged[name], jumps(lobes), steps, seconds)
+        Followed(name, *seen[name], judged[name], jumps(lobes), steps, seconds)
         for name, (lobes, steps, seconds) in ways.items()
     ]
-    height = shot.shape[1]
-    latitude = 90 - 180 * (index + 0.5) / height
+    latitude = 90 - 180 * (index + 0.5) / shot.shape[1]
     stops = exposure_stops(shot)
-    return Stacked(tuple(frames), index, latitude, shot[:, index], stops, tuple(listed))
+    return Stacked(tuple(frames), index, latitude, *seen[REFERENCE], stops, tuple(listed))
 
 
 def liveliest_row(shot: Tensor) -> int:
@@ -169,21 +178,25 @@ def _our_way(
 
 def _judged(
     found: dict[str, list[Lobes]], shot: Tensor, index: int, follow: Follow
-) -> tuple[dict[str, Tensor], dict[str, dict[str, float]]]:
-    """Return the shown row of every frame, and the errors, by way."""
+) -> tuple[dict[str, tuple[Tensor, Tensor]], dict[str, dict[str, float]]]:
+    """Return the row of every frame and what a ball shows along it, and the errors, by way."""
     _, height, width, _ = shot.shape
-    shown: dict[str, list[Tensor]] = {name: [] for name in found}
+    around = latlong.directions(height, DIRECTIONS)[index]  # of the row, at columns of its own
+    names = [REFERENCE, *found]
+    rows: dict[str, list[Tensor]] = {name: [] for name in names}
+    glossy: dict[str, list[Tensor]] = {name: [] for name in names}
     errors: dict[str, list[tuple[int, FrameErrors]]] = {name: [] for name in found}
     for frame, reference in enumerate(follow(shot, "judging frames", len(shot))):
         maps = torch.stack(
-            [
-                texels.texel_means(lobes[frame].to(torch.float32), height, width)
-                for lobes in found.values()
-            ]
-        )
-        judged = maps_errors(maps, reference)
-        for name, radiance, of_frame in zip(found, maps, judged, strict=True):
-            shown[name].append(radiance[index])
+            [texels.texel_means(lobes[frame].to(torch.float32), height, width)
+             for lobes in found.values()]
+        )  # fmt: skip
+        every = torch.cat([reference[None], maps])
+        filtered = kernels.filtered(every, ROUGHNESS, around)
+        for name, radiance, shown in zip(names, every, filtered, strict=True):
+            rows[name].append(radiance[index])
+            glossy[name].append(shown)
+        for name, of_frame in zip(found, maps_errors(maps, reference), strict=True):
             errors[name].append((frame, of_frame))
-    rows = {name: torch.stack(listed) for name, listed in shown.items()}
-    return rows, {name: sequence_errors(listed).mean for name, listed in errors.items()}
+    seen = {name: (torch.stack(rows[name]), torch.stack(glossy[name])) for name in names}
+    return seen, {name: sequence_errors(listed).mean for name, listed in errors.items()}

@@ -147,12 +147,13 @@ def shot() -> Stacked:
     line = torch.zeros(frames, width, 3)
     line[torch.arange(frames), torch.arange(frames)] = 1.0
     mean = ERRORS | {"flicker": 0.04}
-    held = Followed(WITH, line[:1].expand(frames, -1, -1), mean, 0, 24, 0.5)
+    glossy = 0.5 * line[:, :8]
+    held = Followed(WITH, line[:1].expand(frames, -1, -1), 0 * glossy, mean, 0, 24, 0.5)
     others = [
-        replace(held, name=name, row=line, jumps=3, mean=mean | {"flicker": flicker})
+        replace(held, name=name, row=line, glossy=glossy, jumps=3, mean=mean | {"flicker": flicker})
         for name, flicker in ((WITHOUT, 0.08), (INDEPENDENT, 0.09), (OURS, 0.01))
     ]
-    return Stacked((7, 8, 9, 10), 3, 22.5, line, 0.0, (held, *others))
+    return Stacked((7, 8, 9, 10), 3, 22.5, line, glossy, 0.0, (held, *others))
 
 
 def test_wrong_change_is_the_fit_s_less_the_map_s_over_the_mean() -> None:
@@ -174,10 +175,12 @@ def test_stack_has_a_panel_a_way_with_its_numbers() -> None:
     assert len(rows) == 1 + 4
     extents = {tuple(image.get_extent()) for image in rows}
     assert extents == {(180, -180, 3.5, -0.5)}  # left edge lon = pi, the first frame above
-    changes = [image for image in images if image.get_array().shape == (3, 16)]
+    changes = [image for image in images if image.get_array().shape == (3, 8)]
     extents = {tuple(image.get_extent()) for image in changes}
     assert extents == {(180, -180, 3.0, 0.0)}  # each between two frames
     assert len(changes) == 4
+    assert np.abs(changes[0].get_array()).max() > 0
+    assert np.abs(changes[1].get_array()).max() == 0  # changes as the map does
     reference, held = rows[0].get_array(), rows[1].get_array()
     assert [int(frame[:, 0].argmax()) for frame in reference] == [0, 1, 2, 3]
     assert [int(frame[:, 0].argmax()) for frame in held] == [0] * 4
