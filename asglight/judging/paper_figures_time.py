@@ -31,8 +31,9 @@ from asglight.sphere import latlong
 NEXT_SHARE = paper.FIRST_FRAME_STEPS // paper.NEXT_FRAME_STEPS
 """A next frame has one in so many of the steps of the first, as published."""
 
-ROUGHNESS, DIRECTIONS = 0.25, 64
-"""Of the ball along the row: that of `flicker`; 5.6 degrees apart, a third of what it blurs."""
+ROUGHNESS, DIRECTIONS = 0.25, 128
+"""Of the ball along the row: that of `flicker`; 2.8 degrees apart, as it blurs by 9 (full width at
+half maximum)."""
 
 REFERENCE = "reference"
 WITH, WITHOUT, INDEPENDENT, OURS = "with L_T", "without L_T", "independent", "fast"
