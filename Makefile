@@ -42,7 +42,7 @@ bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictur
 figures: setup   ## the paper's figures on MAPS and SEQUENCES, into docs/figures.md (figures-output/)
 	$(BIN)/asglight figures lobes "$(MAPS)/lobby.exr" -o figures-output
 	$(BIN)/asglight figures losses "$(MAPS)/lobby.exr" -o figures-output
-	$(BIN)/asglight figures time "$(SEQUENCES)/handheld" -o figures-output
+	$(BIN)/asglight figures time "$(SEQUENCES)/handheld" --frames 1001-1010 -o figures-output
 	$(BIN)/asglight figures forms "$(MAPS)/lobby.exr" -o figures-output
 	$(BIN)/python benchmarks/docs_figures.py figures-output docs
 
