@@ -113,7 +113,7 @@ def test_page_keeps_its_head_and_takes_the_captions() -> None:
     assert docs_figures.assembled(found, captions) == found
 
 
-def test_pictures_keep_their_looks_in_256_colours(tmp_path: Path) -> None:
+def test_pictures_keep_their_looks_in_few_colours(tmp_path: Path) -> None:
     x = np.linspace(0, 1, 120)
     ramp = np.stack(np.broadcast_arrays(x[:, None], x[None], 0.4), -1)
     ramp[50:60, 50:60] = (1, 0, 0)  # a rare hue
