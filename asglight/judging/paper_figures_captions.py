@@ -83,8 +83,8 @@ def _sweep_finding(rows: Sequence[Row]) -> str:
             names = [name for name in METRIC_NAMES if row.errors[name] < errors[name]]
             if names:
                 ahead[row.fit.label] = names
-    where = "; ".join(f"with {count} in {', '.join(names)}" for count, names in ahead.items())
-    return f"{finding} The paper's recipe is ahead of `fast` {where or 'nowhere here'}."
+    where = "; ".join(f"{count} in {', '.join(names)}" for count, names in ahead.items())
+    return f"{finding} The paper's recipe is ahead of `fast`, by lobes: {where or 'nowhere here'}."
 
 
 def losses_caption(still: Still, plan: Plan) -> str:

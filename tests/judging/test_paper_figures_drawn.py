@@ -101,11 +101,11 @@ def test_sweep_caption_names_where_the_recipe_is_ahead() -> None:
     found = still(*rows, row(PAPER, "15", {"env": 0.3, "irr": 0.4}), row(PAPER, "30"))
     text = " ".join(captions.lobes_caption(found, Plan(15, steps=12, rows=8)).split())
     assert "irr by 2, r0.5 by 1, r0.25 by 1" in text
-    assert text.endswith("The paper's recipe is ahead of `fast` with 15 in env.")
+    assert text.endswith("The paper's recipe is ahead of `fast`, by lobes: 15 in env.")
     assert "12 of its 24,000 Adam steps on 8 x 16 texels (published: 256 rows)" in text
     assert "| 15 | paper | 1.5 | 30.0 | 20.0 | 40.0 |" in text
     alone = still(*rows)
-    assert captions.lobes_caption(alone, Plan(15)).endswith("ahead of `fast` nowhere here.")
+    assert captions.lobes_caption(alone, Plan(15)).endswith("by lobes: nowhere here.")
 
 
 def test_recipe_with_all_its_steps_says_so() -> None:
