@@ -5,6 +5,7 @@ import argparse
 from typing import Any, get_args
 
 from asglight.cli import farm
+from asglight.cli.condition import condition_lines, condition_of
 from asglight.cli.leaving_out import left_out_lines
 from asglight.cli.parser import (
     add_input_options,
@@ -160,6 +161,7 @@ def as_document(result: ShotResult, output: str) -> dict[str, Any]:
         "fps": result.tracks.fps,
         "resumed": result.resumed,
         "seconds": sum(record.seconds for record in result.records),
+        "ill_conditioned": condition_of(result.tracks),
         "repairs": repairs_of(list(result.records)),
         "frames": frames,
     }
@@ -179,6 +181,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
     if document["resumed"]:
         lines.append(f"resumed: {counted(document['resumed'], 'frame')} from an earlier run")
     lines += left_out_lines({**document, "lobes": document["fitted_lobes"]})
+    lines += condition_lines(document["ill_conditioned"])
     repaired = repair_line(document["repairs"])
     return [*lines, repaired] if repaired else lines
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from asglight.cli.condition import condition_lines, condition_of
 from asglight.cli.fit import repair_line
 from asglight.cli.leaving_out import left_out_lines
 from asglight.cli.parser import add_json_option
@@ -36,6 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
         "representation": representation_of(arguments.stage),
         "changes": list(reading.changes),
         **as_document(reading.tracks),
+        "ill_conditioned": condition_of(reading.tracks),
     }
     if arguments.json:
         print_json(document)
@@ -113,6 +115,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
         )
     lines += [f"edited: {change}" for change in document["changes"]]
     lines += left_out_lines(metadata)
+    lines += condition_lines(document["ill_conditioned"])
     lines += part_lines(metadata.get("parts", []))
     repaired = repair_line(metadata["repairs"]) if "repairs" in metadata else ""
     return [*lines, repaired] if repaired else lines
