@@ -250,6 +250,20 @@ def test_same_input_gives_the_same_bits() -> None:
         assert torch.equal(a, b)
 
 
+def test_the_number_of_threads_changes_no_bit() -> None:
+    maps = [sky_and_sun(0.0), sky_and_sun(4.0)]
+    before, found = torch.get_num_threads(), []
+    try:
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            found.append([fit.lobes for fit in follow(maps, FitOptions(lobes=5))])
+    finally:
+        torch.set_num_threads(before)
+    for one, other in zip(*found, strict=True):
+        for name in ("axes", "sharpness", "amplitude"):
+            assert torch.equal(getattr(one, name), getattr(other, name))
+
+
 VMF_EM = {  # 15 isotropic lobes, 40 EM iterations, 256 x 512: (env, irr, r0.5)
     "apartment": (0.286, 0.0129, 0.0285),
     "dawn": (0.379, 0.0234, 0.0468),
