@@ -32,6 +32,10 @@ NODES = ((1 / NARROW_WIDTH_TEXELS, 1), (1.0, 2), (2.0, 4))
 q^2 / 24 of one node, q^4 / 1440 of two, 6e-8 q^8 of four. Beyond, a texel is cut into panels of
 four nodes."""
 
+WIDTH_MAX = 1.0
+"""Radians. However broad a lobe is, the hemisphere that it lives on is no smoother than this: on
+grids of 12 rows and fewer its texels too are averaged over."""
+
 CUTOFF = 18.0
 """Exponent beyond which a narrow lobe is left out: exp(-18) = 1.5e-8, below float32 rounding."""
 
@@ -88,7 +92,7 @@ def unit_texel_means(lobes: Lobes, height: int, width: int) -> Tensor:
 
 def is_narrow(lobes: Lobes, height: int) -> Tensor:
     """Tell which lobes are narrower than four texels of a grid of `height` rows.  [..., N]."""
-    return lobe_width(lobes) < NARROW_WIDTH_TEXELS * math.pi / height
+    return lobe_width(lobes).clamp(max=WIDTH_MAX) < NARROW_WIDTH_TEXELS * math.pi / height
 
 
 def lobe_width(lobes: Lobes) -> Tensor:
@@ -116,7 +120,8 @@ def reached_pairs(lobes: Lobes, chosen: Tensor, grid: tuple[int, int]) -> list[P
 
 
 def _nodes_for(lobe: Lobes, grid: tuple[int, int]) -> int:
-    texels_per_sigma = max(math.pi / grid[0], 2 * math.pi / grid[1]) / float(lobe_width(lobe))
+    width = min(float(lobe_width(lobe)), WIDTH_MAX)
+    texels_per_sigma = max(math.pi / grid[0], 2 * math.pi / grid[1]) / width
     for bound, nodes in NODES:
         if texels_per_sigma <= bound:
             return nodes
