@@ -28,6 +28,10 @@ EDITED = 1e-3
 """Relative. Programs write four digits or more, and nobody sees less; samples that were left out
 cost a fifth of it."""
 
+LIGHT_MIN = 1e-37
+"""Of a channel of a light; less counts as none. Below it come the numbers of float32 that have few
+digits, which are `EDITED` apart and more."""
+
 SIDE_MOVED = 2e-3
 """Of a component of the quaternion that tilts an outer distant light. The tilt is the root of a
 difference of mean squares: where a lobe is nearly round, the 3e-6 of it that samples may be off
@@ -198,7 +202,7 @@ def held_lights(prim: Usd.Prim, own: Lobes, written: Written) -> LobeLights | No
         if one:
             held = np.concatenate([view.values(one, name, 1.0) for name in view.size_names], -1)
             turn, stretch = _placed(view, prim, one, own, authored)
-            size, value = held * stretch[:, : held.shape[-1]], _light(view, one, held)
+            size, value = held * stretch[:, : held.shape[-1]], _lit(_light(view, one, held))
             if one != prim:  # a hidden lobe is told of as such
                 value = value * ~view.hidden(one)[:, None]
         sizes.append(size)
@@ -218,7 +222,11 @@ def _sizes(view: View, light: Light) -> Array:
 
 
 def _brightness(light: Light) -> Array:
-    return (light.tracks[schema.INTENSITY] * light.tracks[schema.COLOR]).numpy()
+    return _lit((light.tracks[schema.INTENSITY] * light.tracks[schema.COLOR]).numpy())
+
+
+def _lit(light: Array) -> Array:
+    return np.where(light < LIGHT_MIN, 0.0, light)
 
 
 def _found(view: View, prim: Usd.Prim, lights: Sequence[Light]) -> list[Usd.Prim | None]:

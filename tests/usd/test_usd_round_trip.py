@@ -2,16 +2,18 @@
 """What is written comes back: the same function of direction, the same frames and metadata."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pxr import Sdf, Usd
 from usd_tracks import METADATA, assert_same, edited, moving, still
 
 from asglight.lobes import Form, LobeTracks
-from asglight.usd import read_usd, write_usd
+from asglight.usd import read_stage, read_usd, write_usd
 
 
 @pytest.mark.parametrize("form", Form)
@@ -28,6 +30,18 @@ def test_noisy_tracks_come_back(form, tmp_path):
     tracks = moving(range(7), form=form, jitter=0.5)
     write_usd(tracks, tmp_path / "shot.usdc", dome_height=2)
     assert_same(read_usd(tmp_path / "shot.usdc"), tracks)
+
+
+@pytest.mark.parametrize("representation", ["cards", "distant"])
+def test_light_without_digits_reads_as_no_edit(representation, tmp_path):
+    tracks = still([(3.0, 2.0), (40.0, 5.0), (900.0, 900.0)])
+    brightness = torch.tensor([1e-38, 1e-41, 5e-44])[:, None]  # float32 ends at 1.4e-45
+    amplitude = tracks.lobes.amplitude / tracks.lobes.amplitude.amax(-1, keepdim=True) * brightness
+    tracks = replace(tracks, lobes=replace(tracks.lobes, amplitude=amplitude))
+    write_usd(tracks, tmp_path / "shot.usda", dome_height=2, representation=representation)
+    reading = read_stage(tmp_path / "shot.usda")
+    assert reading.changes == ()
+    assert bool((reading.tracks.lobes.amplitude == amplitude).all())
 
 
 def test_one_frame_comes_back(tmp_path):
