@@ -14,6 +14,7 @@ from asglight.fitting.regroup import regroup
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import axes_around
+from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
 
 
@@ -88,6 +89,11 @@ BEST = Effort(
 LIGHT = Corners(0.1, 0.002)
 """phi's corners of the last solution for the light alone: what it can mend of what balls show."""
 
+ROWS_MIN = 16
+"""Of the grid that a map is fitted on. Lobes are seen at the centres of cells, which tells little
+of them on a coarser one: fitted on their own grids, maps of 1 to 5 rows are 9 to 14 % off in irr,
+split to 16 rows about 1 %, and to 32 rows half a percent, for twice the time."""
+
 FLUX_CORRECTION_MAX = 10.0
 """Largest factor on a channel. The loss leaves a percent or less; where a map is beyond what the
 lobes can hold, its energy still is theirs."""
@@ -113,7 +119,7 @@ class Exposed:
     """A map in units of its mean radiance.
 
     Attributes:
-        radiance: Reference over `exposure`.  [1, 3, H * 2 H]
+        radiance: Reference over `exposure`, on `ROWS_MIN` rows at least.  [1, 3, H * 2 H]
         exposure: Mean radiance over the sphere and RGB; 0 for a black map.
         flux: RGB flux of `radiance`, in steradians.  [3]
         height: H.
@@ -126,11 +132,12 @@ class Exposed:
 
 
 def exposed(reference: Tensor) -> Exposed:
-    """Bring a map to a mean of 1.
+    """Bring a map to a mean of 1, the texels of one of few rows split.
 
     Args:
         reference: Repaired radiance.  [H, 2 H, 3]
     """
+    reference = latlong.split(reference, ROWS_MIN)
     height = reference.shape[0]
     share = grid(height, str(reference.device)).share.double()
     mean = share @ reference.flatten(0, 1).double()

@@ -116,6 +116,21 @@ def reduce(radiance: Tensor, height: int, width: int) -> Tensor:
     return columns @ by_row
 
 
+def split(radiance: Tensor, rows: int) -> Tensor:
+    """Split the texels of a map that has fewer rows: the same light on a finer grid.
+
+    Args:
+        radiance: Map.  [H, W, C]
+        rows: Rows of the result, at least.
+
+    Returns:
+        The map, each texel as a square of equal ones.  [k H, k W, C]
+    """
+    height, width = radiance.shape[:2]
+    factor = -(-rows // height)
+    return reduce(radiance, factor * height, factor * width)
+
+
 def _block_means(radiance: Tensor, height: int, width: int) -> Tensor:
     """Average whole texels, weighted by the area of their rows: `reduce` at a tenth of the cost."""
     high, wide = radiance.shape[0] // height, radiance.shape[1] // width

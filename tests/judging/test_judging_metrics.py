@@ -253,3 +253,28 @@ def test_irradiance_errors_are_irr_of_each_frame_on_a_map_of_the_lobes() -> None
         maps = texels.texel_means(reference, metrics.LOBE_ROWS, 2 * metrics.LOBE_ROWS)
         expected = metrics.frame_errors(lobes, maps).values["irr"]
         assert found[index] == pytest.approx(expected, rel=1e-5)  # sums in another order
+
+
+@pytest.mark.parametrize("factor", [2.0**119, 2.0**-100])
+def test_errors_do_not_depend_on_the_exposure(factor: float) -> None:
+    """GGX kernels of up to 65,000 times a map of up to 6e36 would leave float32."""
+    fit, reference = (m * np.float32(factor) for m in _maps(2, 5))
+    expected = _expected(fit.astype(np.float64), reference.astype(np.float64))
+    assert _judge(fit, reference).values == pytest.approx(expected, rel=SINGLE)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 5, 8])
+def test_a_map_of_few_rows_is_judged_as_constant_within_its_texels(rows: int) -> None:
+    coarse = np.random.default_rng(rows).random((rows, 2 * rows, 3)).astype(np.float32)
+    factor = -(-metrics.ROWS_MIN // rows)
+    fine = coarse.repeat(factor, 0).repeat(factor, 1)
+    fit = texels.texel_means(_lobes(5.0), *fine.shape[:2])
+    found = metrics.irradiance_error(_lobes(5.0), torch.from_numpy(coarse))
+    assert found == pytest.approx(_judge(fit.numpy(), fine).values["irr"], rel=SINGLE)
+
+
+def test_the_irradiance_error_alone_is_that_among_the_others() -> None:
+    reference = torch.rand(48, 96, 3, generator=torch.Generator().manual_seed(1))
+    found = metrics.irradiance_error(_lobes(5.0), reference)
+    every = metrics.frame_errors(_lobes(5.0), reference).values
+    assert found == pytest.approx(every["irr"], rel=SINGLE)

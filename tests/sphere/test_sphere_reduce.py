@@ -124,3 +124,10 @@ def test_reduce_of_one_bright_texel_keeps_its_flux_in_float32() -> None:
     radiance[0, 3] = 1e6
     reduced = latlong.reduce(radiance, 7, 11)
     np.testing.assert_allclose(_flux(reduced.double()), _flux(radiance.double()), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("rows", "factor"), [(1, 1), (4, 1), (5, 2), (9, 3)])
+def test_split_repeats_texels_until_there_are_rows_enough(rows: int, factor: int) -> None:
+    radiance = _random_map(4, 8)
+    expected = radiance.repeat_interleave(factor, 0).repeat_interleave(factor, 1)
+    torch.testing.assert_close(latlong.split(radiance, rows), expected, rtol=1e-14, atol=0)
