@@ -9,13 +9,19 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from asglight.errors import InputError
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
 from asglight.images import Sequence
+from asglight.images.message import shown
 from asglight.lobes import Lobes
 from asglight.shots.events import FrameDone, OnProgress, StepDone
 from asglight.shots.reading import ReadFrame, read_ahead
 from asglight.shots.records import FrameRecord, own_frames
+
+RADIANCE_MAX = 1e36
+"""A texel of it may become a lobe of four times its radiance, whose lights `write_usd` still takes.
+The largest number of float32, 3.4e38, stands for nothing or for infinity in many files."""
 
 RECENT_FRAMES = 8
 """Frames whose mean time foretells the rest: enough to smooth, few enough to follow a change."""
@@ -91,7 +97,18 @@ def _fit_one(
     on_progress: OnProgress,
     begin: float,
 ) -> FrameRecord:
-    """Fit one frame; what the next one starts from is exactly what a checkpoint keeps."""
+    """Fit one frame; what the next one starts from is exactly what a checkpoint keeps.
+
+    Raises:
+        InputError: It is brighter than lights can be.
+    """
+    brightest = float(read.image.radiance.max())
+    if brightest > RADIANCE_MAX:
+        raise InputError(
+            f"{shown(read.image.path)}: has a radiance of {brightest:.2g}; expected at most "
+            f"{RADIANCE_MAX:g}, so that lights can have numbers. Mask what stands for no light, or "
+            "divide the images by a constant."
+        )
     there = [lobes.to(options.device) for lobes in before]
     fit = fit_frame(
         read.image.radiance.to(options.device),

@@ -47,6 +47,14 @@ def interrupted(source: Path, output: Path, frames: int) -> None:
         fit_shot(source, output, shot_files.OPTIONS, on_progress=stop)
 
 
+def test_a_frame_brighter_than_lights_can_be_is_refused(tmp_path: Path) -> None:
+    values = sky_files.sky(1001)
+    values[2, 3] = 3.4e38  # what many files hold where nothing was hit
+    path = sky_files.write_frame(tmp_path / "sky.1001.exr", values)
+    with pytest.raises(InputError, match=r"sky\.1001\.exr: has a radiance of 3\.4e\+38; exp"):
+        fit_sequence(path)
+
+
 def test_a_shot_is_the_fit_of_its_frames_in_order(source: Path, output: Path) -> None:
     live = replace(shot_files.OPTIONS, preset=job.Preset.LIVE)
     result = fit_shot(source, output, live)
