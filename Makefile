@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 
-.PHONY: help setup setup-dcc demo pictures bench bench-fit figures test test-fast test-usd test-dcc test-dcc-short \
+.PHONY: help setup setup-dcc demo pictures bench bench-fit figures stress test test-fast test-usd test-dcc test-dcc-short \
   test-ball-truth dcc-picture lint format clean
 
 help:            ## list the targets
@@ -35,6 +35,9 @@ pictures: setup  ## the viewer on SEQUENCES, as the README shows it (docs/images
 bench: setup     ## error against run time, in two minutes each, held against the baseline (bench-output/)
 	$(BIN)/asglight bench "$(MAPS)/lobby.exr" "$(SEQUENCES)/tunnel" --quick -o bench-output \
 	  --gate benchmarks/bench-baseline.json
+
+stress: setup    ## stiff, extreme and broken input, measured: docs/stress.md, docs/stress.json
+	$(BIN)/asglight stress -o docs
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
 	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/

@@ -4,7 +4,7 @@
 0    done
 1    a bug: traceback, and a request to report it
 2    the input, an option or the disk is at fault: one line
-3    done, and worse than the baseline that was asked for (`bench`)
+3    done, and worse than the baseline that was asked for (`bench`), or a case failed (`stress`)
 130  interrupted (128 + SIGINT), 141 standard output was closed early (128 + SIGPIPE)
 """
 
@@ -32,6 +32,7 @@ COMMANDS = {
     "compare": "set every method side by side on the same map and budget",
     "bench": "measure error against run time, and time against size",
     "figures": "draw the figures of Clausen et al. 2024, with numbers",
+    "stress": "measure what becomes of stiff, extreme and broken input",
     "demo": "fit the built-in moving environment and draw what came out",
 }
 _MODULES = {name: f"asglight.cli.{name}" for name in COMMANDS} | {

@@ -82,7 +82,7 @@ def summary(results: Sequence[Result]) -> str:
     """Return how many cases there are of each verdict."""
     verdicts = [result.verdict for result in results]
     counts = ", ".join(f"{verdicts.count(each)} {each}" for each in Verdict)
-    return f"{len(results)} cases: {counts}"
+    return f"{len(results)} {'case' if len(results) == 1 else 'cases'}: {counts}"
 
 
 def opengl(tools: Tools) -> str:
