@@ -82,8 +82,8 @@ TIME = (
         _strobe_lamp,
         Bound(
             0.025,
-            "The lobes of a lamp that is off are lent to the sky; when it flashes again they may "
-            "turn by 10 degrees a frame only, and are a frame late.",
+            "A lobe is free to go to a new lamp when it was dark for two frames; to a lamp that "
+            "flashes every other frame fewer lobes go.",
         ),
     ),
     _shot("frozen", "the same frame 4 times", lambda: [sun_and_sky()] * 4),
