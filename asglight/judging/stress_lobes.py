@@ -145,6 +145,7 @@ def _found(
     count: int,
     form: Form = Form.ASG,
     recovery: Recovery = FOUND,
+    gradient: Bound = GRADIENT,
 ) -> Case:
     return of_lobes(
         name,
@@ -155,6 +156,7 @@ def _found(
         lobes=count,
         form=form,
         recovery=recovery,
+        gradient=gradient,
     )
 
 
@@ -198,7 +200,13 @@ RECOVERY = (
     _found("one-round", "sharpness 50", _one(50.0), 1),
     _found("one-narrow", "sharpness 1e3, as wide as two texels", _one(1e3), 1),
     _found("one-long", "sharpness 400 by 4", _one((400.0, 4.0)), 1),
-    _found("one-pole", "on the pole", lambda: [lobe(POLE, (80.0, 20.0), 3.0)], 1),
+    _found(
+        "one-pole",
+        "on the pole",
+        lambda: [lobe(POLE, (80.0, 20.0), 3.0)],
+        1,
+        gradient=HELD,
+    ),
     _found("one-seam", "on the seam", lambda: [lobe(toward(180, -20), 80.0, 3.0)], 1),
     _found("one-sg", "form sg, sharpness 50", _one(50.0, Form.SG), 1, Form.SG),
     _found(

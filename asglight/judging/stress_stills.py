@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from asglight.judging import stress_maps as maps
-from asglight.judging.stress_case import FLUX, IRRADIANCE, Bound, Case, Group
+from asglight.judging.stress_case import FLUX, GRADIENT, IRRADIANCE, Bound, Case, Group
 
 HALF_MAX = 65504.0
 """The largest number of half floats, where many files end."""
@@ -22,6 +22,7 @@ def _still(
     *,
     irradiance: Bound = IRRADIANCE,
     flux: Bound = FLUX,
+    gradient: Bound = GRADIENT,
     refused: str | None = None,
 ) -> Case:
     return Case(
@@ -31,6 +32,7 @@ def _still(
         lambda: [make()],
         irradiance=irradiance,
         flux=flux,
+        gradient=gradient,
         refused=refused,
     )
 
@@ -46,9 +48,13 @@ def _radiance(
 
 
 def _shape(
-    name: str, holds: str, make: Callable[[], Tensor], irradiance: Bound = IRRADIANCE
+    name: str,
+    holds: str,
+    make: Callable[[], Tensor],
+    irradiance: Bound = IRRADIANCE,
+    gradient: Bound = GRADIENT,
 ) -> Case:
-    return _still(Group.SHAPE, name, holds, make, irradiance=irradiance)
+    return _still(Group.SHAPE, name, holds, make, irradiance=irradiance, gradient=gradient)
 
 
 def _broken(name: str, holds: str, make: Callable[[], Tensor], refused: str | None = None) -> Case:
@@ -103,18 +109,23 @@ def _large() -> Tensor:
 FEW_ROWS = "Texels of 22 degrees and more have edges, which 15 lobes seen on 16 rows soften."
 
 
-def _sized(rows: int, irradiance: Bound = IRRADIANCE) -> Case:
+COARSE = Bound(
+    0.1, "The gradient takes a texel's shape as that at a lobe's centre, on 16 rows a rough guess."
+)
+
+
+def _sized(rows: int, irradiance: Bound = IRRADIANCE, gradient: Bound = GRADIENT) -> Case:
     """Return sun and sky on a map of so many rows."""
 
     def make() -> Tensor:
         return maps.sun_and_sky(rows)
 
     holds = f"sun and sky, {rows} {'row' if rows == 1 else 'rows'}"
-    return _shape(f"{rows}x{2 * rows}", holds, make, irradiance=irradiance)
+    return _shape(f"{rows}x{2 * rows}", holds, make, irradiance, gradient)
 
 
 SHAPE = (
-    *(_sized(rows, Bound(0.025, FEW_ROWS)) for rows in (1, 2, 3, 5, 8)),
+    *(_sized(rows, Bound(0.025, FEW_ROWS), COARSE) for rows in (1, 2, 3, 5, 8)),
     *(_sized(rows) for rows in (16, 61, 256, 1024)),
     _shape("4096x8192", "sun, sky, three lamps of a texel", _large),
     _shape("constant", "one value everywhere", lambda: maps.constant(0.5)),
