@@ -38,6 +38,9 @@ STAGE = Bound(1e-6)
 
 FINITE = Bound(0.0)
 
+STEM = "stress."
+"""Of the names of the files of a case."""
+
 
 class Verdict(StrEnum):
     """What became of a case."""
@@ -143,6 +146,7 @@ def run_case(case: Case, tools: Tools) -> Result:
     except Exception as error:  # whatever it is, it is the finding
         refused = isinstance(error, InputError)
         message = str(error) if refused else f"{type(error).__name__}: {error}"
+        message = message[max(0, message.find(STEM)) :]  # without the temporary folder
         return Result(case, seconds=clock.seconds(), message=message, refused=refused)
     return Result(case, measured, lobes, frames, clock.seconds())
 
@@ -152,7 +156,7 @@ def _measured(case: Case, tools: Tools) -> tuple[dict[str, Measured], int, int]:
     with tempfile.TemporaryDirectory(prefix="asglight-") as name:
         folder = Path(name)
         for number, radiance in enumerate(case.frames(), start=1):
-            path = folder / f"stress.{number:04d}.exr"
+            path = folder / f"{STEM}{number:04d}.exr"
             write_exr(path, radiance, half=False, compression="none")
         tracks = tools.fit(folder, lobes=case.lobes, preset=Preset.FAST, form=case.form)
         sequence = open_sequence(folder, height=FIT_HEIGHT)

@@ -145,12 +145,8 @@ def _row(row: Iterable[str]) -> str:
 
 
 def _notes(results: Sequence[Result]) -> list[str]:
-    """Return the reasons under a table; temporary folders in messages say nothing to a reader."""
-    lines = [
-        f"- {result.case.name}: {text.rpartition('/')[2] if result.refused else text}"
-        for result in results
-        for text in reasons(result)
-    ]
+    """Return the reasons under a table."""
+    lines = [f"- {result.case.name}: {text}" for result in results for text in reasons(result)]
     return ["\n".join(lines)] if lines else []
 
 
