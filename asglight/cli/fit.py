@@ -197,5 +197,7 @@ def repair_line(repairs: dict[str, Any]) -> str:
         )
     if repairs["frames_filled"]:
         filled = repairs["frames_filled"]
-        clauses.append(f"{counted(len(filled), 'missing frame')} filled ({ranges(filled)})")
+        clauses.append(
+            f"{counted(len(filled), 'missing or damaged frame')} filled ({ranges(filled)})"
+        )
     return f"repaired: {'; '.join(clauses)}" if clauses else ""

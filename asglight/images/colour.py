@@ -7,8 +7,10 @@ RP 177 (1993); a different white is adapted to D65 with the Bradford transform (
 a statement OpenEXR means Rec.709.
 """
 
-import torch
-from torch import Tensor
+import math
+
+import numpy as np
+from numpy.typing import NDArray
 
 Chromaticities = tuple[float, float, float, float, float, float, float, float]
 
@@ -42,10 +44,9 @@ _BRADFORD = ((0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0
 
 def is_colour_space(chromaticities: Chromaticities) -> bool:
     """Say whether the numbers can be primaries: finite, not on one line, with a white of Y > 0."""
-    values = torch.tensor(chromaticities, dtype=torch.float64)
-    if not bool(torch.isfinite(values).all()) or chromaticities[7] <= 0:
+    if not all(map(math.isfinite, chromaticities)) or chromaticities[7] <= 0:
         return False
-    (rx, ry), (gx, gy), (bx, by), _ = values.reshape(4, 2).tolist()
+    rx, ry, gx, gy, bx, by, _, _ = chromaticities
     return abs((gx - rx) * (by - ry) - (bx - rx) * (gy - ry)) / 2 >= AREA_MIN
 
 
@@ -57,7 +58,7 @@ def name_of(chromaticities: Chromaticities) -> str:
     return "primaries " + " ".join(f"{value:.4g}" for value in chromaticities)
 
 
-def to_rec709(chromaticities: Chromaticities) -> Tensor:
+def to_rec709(chromaticities: Chromaticities) -> NDArray[np.float64]:
     """Return the matrix from linear RGB of these primaries to linear Rec.709.
 
     White goes to white: (1, 1, 1) is kept whatever the two white points are.
@@ -66,19 +67,19 @@ def to_rec709(chromaticities: Chromaticities) -> Tensor:
         chromaticities: Primaries that `is_colour_space` accepts.
 
     Returns:
-        Matrix for column vectors.  [3, 3] float64
+        Matrix for column vectors.  [3, 3]
     """
     source, target = _to_xyz(chromaticities), _to_xyz(REC709)
-    bradford = torch.tensor(_BRADFORD, dtype=torch.float64)
-    gain = (bradford @ target.sum(dim=1)) / (bradford @ source.sum(dim=1))
-    adapt = torch.linalg.solve(bradford, gain[:, None] * bradford)
-    return torch.linalg.solve(target, adapt @ source)
+    bradford = np.array(_BRADFORD)
+    gain = (bradford @ target.sum(axis=1)) / (bradford @ source.sum(axis=1))
+    adapt = np.linalg.solve(bradford, gain[:, None] * bradford)
+    return np.linalg.solve(target, adapt @ source)
 
 
-def _to_xyz(chromaticities: Chromaticities) -> Tensor:
+def _to_xyz(chromaticities: Chromaticities) -> NDArray[np.float64]:
     """Return the matrix from RGB to XYZ, scaled so that white has Y = 1.  [3, 3]."""
-    xy = torch.tensor(chromaticities, dtype=torch.float64).reshape(4, 2)
+    xy = np.array(chromaticities, dtype=np.float64).reshape(4, 2)
     # Columns (x, y, 1 - x - y) are XYZ up to a scale; no division by y, which may be 0 (XYZ files).
-    columns = torch.cat([xy, 1 - xy.sum(dim=1, keepdim=True)], dim=1).T  # [3, 4]
+    columns = np.vstack([xy.T, 1 - xy.sum(axis=1)])  # [3, 4]
     white = columns[:, 3] / columns[1, 3]
-    return columns[:, :3] * torch.linalg.solve(columns[:, :3], white)
+    return columns[:, :3] * np.linalg.solve(columns[:, :3], white)

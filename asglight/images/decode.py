@@ -2,15 +2,18 @@
 """Decoding OpenEXR and Radiance files, through OpenImageIO, with every fault in one line.
 
 OpenImageIO decodes each OpenEXR compression, stops with a reason at missing or damaged chunks
-instead of leaving zeros, refuses headers that claim far more than the file holds, and leaves
-standard output alone, except for notes of its HTJ2K decoder on damaged files. The header is read
-apart from the pixels, so that an image of the wrong shape is refused before anything is decoded.
+instead of leaving zeros, and leaves standard output alone, except for notes of its HTJ2K decoder
+on damaged files. The header is read apart from the pixels, so that an image of the wrong shape or
+of an incredible size is refused before anything is decoded (strips.py).
+
+The OpenEXR that decodes is the one inside OpenImageIO; the package OpenEXR only writes.
 
 Radiance files are taken as Rec.709 and as they are stored: OpenImageIO does not divide by the
 EXPOSURE line, nor do most programs, and asglight's radiance is relative. The orientation line is
 followed.
 """
 
+import functools
 import re
 import stat
 from collections.abc import Iterator
@@ -18,7 +21,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import OpenImageIO
 
 from asglight.errors import InputError
@@ -28,6 +30,12 @@ from asglight.images.message import compressed, shown
 
 # 32768 x 16384 is four times the largest map in circulation, and 6.4 GB as float32.
 SIZE_MAX = 32768
+# The largest map in circulation, 16384 x 8192. What declares more texels has to be as large a file:
+# a photograph takes a byte for every few texels, and a chunk of zeros of any size a few bytes.
+TEXELS_TRUSTED = 16384 * 8192
+TEXELS_A_BYTE_MAX = 1000
+# Before it, damaged files could write beyond the decoder's memory (CVE-2026-40250 and others).
+OPENEXR_MIN = (3, 4, 10)
 # Radiance headers are a few lines; each program that touched the file adds one.
 HEADER_MAX = 65536
 
@@ -46,6 +54,21 @@ _OTHERS = {
 }
 
 
+class DamagedError(InputError):
+    """A file that cannot be decoded: cut off, damaged, of no known kind, or gone.
+
+    Attributes:
+        finding: What is wrong with it, as a clause.
+        frame: The frame that it is, where it is one of a sequence.
+    """
+
+    def __init__(self, path: Path, finding: str, hint: str) -> None:
+        """Make the message of the path, the finding, and what was expected with what to do."""
+        super().__init__(f"{shown(path)}: {finding}; {hint}")
+        self.finding = finding
+        self.frame: int | None = None
+
+
 @dataclass(frozen=True)
 class Header:
     """What a file says of its image before the pixels are decoded.
@@ -58,6 +81,7 @@ class Header:
         axes: How the pixels are stored, the slow axis first, as Radiance writes it; `-Y`, `+X` is
             upright: down the rows, then along the columns.
         chromaticities: Primaries stated by the file, None for Rec.709.
+        stored_bytes: Size of the pixels with all channels of the part, as float32.
     """
 
     path: Path
@@ -66,6 +90,7 @@ class Header:
     layer: layers.Layer
     axes: tuple[str, str]
     chromaticities: Chromaticities | None
+    stored_bytes: int
 
 
 def read_header(path: Path, layer: str | None = None) -> Header:
@@ -78,7 +103,8 @@ def read_header(path: Path, layer: str | None = None) -> Header:
     Raises:
         InputError: The file cannot be read, or holds no image of the kind asked for.
     """
-    with _opened(path) as reader:
+    check_decoder()
+    with opened(path) as reader:
         parts = []
         while reader.seek_subimage(len(parts), 0):
             spec = reader.spec()
@@ -89,55 +115,55 @@ def read_header(path: Path, layer: str | None = None) -> Header:
             raise InputError(
                 f"{shown(path)}: holds deep data; expected a flat image. Flatten it first."
             )
+        _check_size(path, spec)
         height, width = spec.full_height, spec.full_width
-        if max(height, width, spec.height, spec.width) > SIZE_MAX:
-            raise InputError(
-                f"{shown(path)}: declares {max(width, spec.width)} x {max(height, spec.height)} "
-                f"texels; expected at most {SIZE_MAX} a side. Is the header damaged?"
-            )
         axes = _radiance_axes(path) if reader.format_name() == "hdr" else ("-Y", "+X")
         height, width = (width, height) if axes[0].endswith("X") else (height, width)
-        return Header(path, height, width, chosen, axes, _chromaticities(path, spec))
+        stored = 4 * spec.width * spec.height * spec.nchannels
+        return Header(path, height, width, chosen, axes, _chromaticities(path, spec), stored)
 
 
-def read_pixels(header: Header) -> np.ndarray:
-    """Decode the image: upright, display window only, 0 outside the data window.
-
-    Returns:
-        Values in the file's primaries, whatever the file stores.  [H, W, 3] float32
+@functools.cache
+def check_decoder() -> None:
+    """Refuse to decode with an OpenEXR that a damaged file can take over.
 
     Raises:
-        InputError: The pixels are damaged, incomplete, or outside the display window.
+        InputError: OpenImageIO was built with one.
     """
-    with _opened(header.path) as reader:
-        spec = reader.spec(header.layer.part, 0)
-        values = _channels(reader, spec, header)  # [h, w, 3]
-        return _upright(_in_display_window(header.path, spec, values), header.axes)
+    libraries = OpenImageIO.get_string_attribute("library_list")
+    found = re.search(r"OpenEXR (\d+)\.(\d+)\.(\d+)", libraries)
+    if found is None or tuple(map(int, found.groups())) < OPENEXR_MIN:
+        version = found[0] if found else "no OpenEXR"
+        raise InputError(
+            f"OpenImageIO {OpenImageIO.__version__} holds {version}; expected OpenEXR "
+            f"{'.'.join(map(str, OPENEXR_MIN))} or later, because damaged files can take over "
+            "earlier ones. Update it: pip install --upgrade OpenImageIO."
+        )
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[OpenImageIO.ImageInput]:
+def opened(path: Path) -> Iterator[OpenImageIO.ImageInput]:
     """Open a file for decoding; whatever goes wrong inside becomes an InputError."""
     kind = _kind(path)
     try:
         reader = OpenImageIO.ImageInput.open(str(path))
         if reader is None:
-            raise _unreadable(path, _finding(OpenImageIO))
+            raise unreadable(path, finding(OpenImageIO))
         if reader.format_name() != kind:
-            raise _unreadable(path, f"its {kind} header is damaged")
+            raise unreadable(path, f"its {kind} header is damaged")
         try:
             yield reader
         finally:
             # An error nobody fetched is printed by the library when the program ends.
-            _finding(reader)
+            finding(reader)
             reader.close()
     except UnicodeError as error:
-        raise _unreadable(path, "a name in it is not text") from error
+        raise unreadable(path, "a name in it is not text") from error
     except OSError as error:
-        raise _unreadable(path, error.strerror or "it vanished") from error
+        raise unreadable(path, error.strerror or "it vanished") from error
     except MemoryError as error:
-        raise InputError(
-            f"{shown(path)}: does not fit in memory; expected a smaller image. Reduce it first."
+        raise DamagedError(
+            path, "does not fit in memory", "expected a smaller image. Reduce it first."
         ) from error
 
 
@@ -146,13 +172,14 @@ def _kind(path: Path) -> str:
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             found = "a folder" if path.is_dir() else "not a regular file"
-            raise InputError(f"{shown(path)}: is {found}; expected an image file (.exr or .hdr).")
+            raise DamagedError(path, f"is {found}", "expected an image file (.exr or .hdr).")
         with path.open("rb") as stream:
             start = stream.read(16)
     except OSError as error:
-        raise InputError(
-            f"{shown(path)}: cannot be opened ({error.strerror}); expected an image file. "
-            "Check the path and the permissions."
+        raise DamagedError(
+            path,
+            f"cannot be opened ({error.strerror})",
+            "expected an image file. Check the path and the permissions.",
         ) from error
     for magic, kind in _KINDS.items():
         if start.startswith(magic):
@@ -161,25 +188,28 @@ def _kind(path: Path) -> str:
     if found is None:
         is_text = bool(start) and all(byte in b"\t\n\r" or 32 <= byte < 127 for byte in start)
         found = "text" if is_text else "of an unknown kind" if start else "empty"
-    raise InputError(
-        f"{shown(path)}: is {found}; expected an OpenEXR or Radiance .hdr image. "
-        "Was it renamed or its copy interrupted?"
+    raise DamagedError(
+        path,
+        f"is {found}",
+        "expected an OpenEXR or Radiance .hdr image. Was it renamed or its copy interrupted?",
     )
 
 
-def _unreadable(path: Path, finding: str) -> InputError:
-    if "Subsampled channels" in finding:
+def unreadable(path: Path, said: str) -> InputError:
+    """Return the error of a file whose decoder says why it fails."""
+    if "Subsampled channels" in said:
         return InputError(
             f"{shown(path)}: has subsampled channels, as luminance-chroma (Y, RY, BY) files do; "
             "expected R, G, B at full resolution. Save it as R, G, B."
         )
-    return InputError(
-        f"{shown(path)}: cannot be decoded ({finding}); expected a complete image. "
-        "Was its copy or its rendering interrupted?"
+    return DamagedError(
+        path,
+        f"cannot be decoded ({said})",
+        "expected a complete image. Was its copy or its rendering interrupted?",
     )
 
 
-def _finding(source: object) -> str:
+def finding(source: object) -> str:
     """Fetch, and thereby clear, the error that OpenImageIO keeps for a reader or for itself."""
     try:
         return compressed(source.geterror())  # pyright: ignore[reportAttributeAccessIssue]
@@ -187,57 +217,20 @@ def _finding(source: object) -> str:
         return "its header is damaged"
 
 
-def _channels(
-    reader: OpenImageIO.ImageInput, spec: OpenImageIO.ImageSpec, header: Header
-) -> np.ndarray:
-    """Read the layer's channels, all at once where they lie side by side."""
-    part, (red, green, blue) = header.layer.part, header.layer.channels
-    integer = [
-        spec.channelformat(channel).basetype == OpenImageIO.UINT32 for channel in (red, green, blue)
-    ]
-    if (green, blue) == (red + 1, red + 2) and not any(integer):
-        spans = [(red, red + 3)]
-    elif header.layer.is_colour:
-        spans = [(channel, channel + 1) for channel in (red, green, blue)]
-    else:
-        spans = [(red, red + 1)]
-    planes = []
-    for (begin, end), is_integer in zip(spans, integer, strict=False):
-        # Asked for float, the library would scale integers to 0..1; their value is meant.
-        stored = OpenImageIO.UINT32 if is_integer else OpenImageIO.FLOAT
-        plane = reader.read_image(part, 0, begin, end, stored)
-        if plane is None:
-            raise _unreadable(header.path, _finding(reader))
-        planes.append(plane.reshape(spec.height, spec.width, end - begin).astype(np.float32))
-    values = planes[0] if len(planes) == 1 else np.concatenate(planes, axis=-1)
-    return values if values.shape[-1] == 3 else values.repeat(3, axis=-1)
-
-
-def _in_display_window(path: Path, spec: OpenImageIO.ImageSpec, values: np.ndarray) -> np.ndarray:
-    """Place the data window in the display window, cropping and filling with 0."""
-    top, left = spec.y - spec.full_y, spec.x - spec.full_x
-    height, width = spec.full_height, spec.full_width
-    if (top, left) == (0, 0) and values.shape[:2] == (height, width):
-        return values
-    rows = slice(max(top, 0), min(top + spec.height, height))
-    columns = slice(max(left, 0), min(left + spec.width, width))
-    if rows.start >= rows.stop or columns.start >= columns.stop:
+def _check_size(path: Path, spec: OpenImageIO.ImageSpec) -> None:
+    """Refuse an image that the header makes larger than a map or than its file can be."""
+    width, height = max(spec.width, spec.full_width), max(spec.height, spec.full_height)
+    if max(height, width) > SIZE_MAX:
         raise InputError(
-            f"{shown(path)}: its data window lies outside its display window; expected them to "
-            "overlap. Was it cropped by mistake?"
+            f"{shown(path)}: declares {width} x {height} texels; expected at most {SIZE_MAX} a "
+            "side. Is the header damaged?"
         )
-    canvas = np.zeros((height, width, 3), dtype=np.float32)
-    canvas[rows, columns] = values[
-        rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
-    ]
-    return canvas
-
-
-def _upright(values: np.ndarray, axes: tuple[str, str]) -> np.ndarray:
-    """Turn stored pixels so that row 0 is the top and column 0 the left."""
-    turned = values.swapaxes(0, 1) if axes[0].endswith("X") else values
-    turned = turned[::-1] if "+Y" in axes else turned
-    return np.ascontiguousarray(turned[:, ::-1] if "-X" in axes else turned)
+    size = path.stat().st_size
+    if height * width > max(TEXELS_TRUSTED, size * TEXELS_A_BYTE_MAX):
+        raise InputError(
+            f"{shown(path)}: declares {width} x {height} texels in {size} bytes; expected a file "
+            f"of at least {height * width // TEXELS_A_BYTE_MAX} bytes. Is the header damaged?"
+        )
 
 
 def _radiance_axes(path: Path) -> tuple[str, str]:

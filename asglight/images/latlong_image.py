@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A latlong image: read, checked, repaired, converted to Rec.709, reduced."""
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,8 +10,9 @@ from torch import Tensor
 
 from asglight.errors import InputError
 from asglight.images import colour, decode, ocio
+from asglight.images.decoders import HERE, Decoder
 from asglight.images.message import shown
-from asglight.images.repair import Repair, repair
+from asglight.images.repair import Repair, Repairing
 from asglight.sphere import latlong
 
 # What an image of some other width : height usually is.
@@ -52,6 +54,7 @@ def read_latlong(
     height: int | None = None,
     layer: str | None = None,
     colorspace: str | None = None,
+    decoder: Decoder = HERE,
 ) -> LatlongImage:
     """Read an OpenEXR or Radiance .hdr file of any resolution as radiance.
 
@@ -65,21 +68,26 @@ def read_latlong(
         layer: Layer or part of an OpenEXR file; None takes the plain R, G, B, else the only layer.
         colorspace: Linear space of the file's colours, by a name that OpenColorIO knows, whatever
             the file states; None for what it states, or Rec.709.
+        decoder: Where the file is decoded: in this process, or apart from it.
 
     Raises:
         InputError: The file cannot be read, or is not a 2:1 image; or there is no such space.
     """
     check_height(height)
-    header = read_header(Path(path), layer)
-    values = torch.from_numpy(decode.read_pixels(header))  # [H, W, 3]
+    header = read_header(Path(path), layer, decoder)
     source = header.chromaticities if colorspace is None else _chromaticities(colorspace)
-    radiance, account = repair(values, None if source is None else colour.to_rec709(source))
+    matrix = None if source is None else torch.from_numpy(colour.to_rec709(source))
+    size = (header.height, header.width)
     rows = header.height if height is None else min(height, header.height)
+    repairing = Repairing(*size, matrix)
+    with contextlib.closing(decoder.strips(header)) as strips:
+        repaired = (repairing.repaired(torch.from_numpy(strip)) for strip in strips)
+        radiance = latlong.reduce_strips(repaired, size, rows, 2 * rows)
     return LatlongImage(
-        radiance=latlong.reduce(radiance, rows, 2 * rows),
+        radiance=radiance,
         path=header.path,
-        source_shape=(header.height, header.width),
-        repair=account,
+        source_shape=size,
+        repair=repairing.account(radiance),
         converted_from=None if source is None else colour.name_of(source),
     )
 
@@ -94,13 +102,13 @@ def _chromaticities(colorspace: str) -> colour.Chromaticities | None:
     return ocio.chromaticities(ocio.interop_id(colorspace, "input colorspace"))
 
 
-def read_header(path: Path, layer: str | None = None) -> decode.Header:
+def read_header(path: Path, layer: str | None = None, decoder: Decoder = HERE) -> decode.Header:
     """Read the header of a file and make sure that it is a latlong.
 
     Raises:
         InputError: The file cannot be read, or is not a 2:1 image.
     """
-    header = decode.read_header(path, layer)
+    header = decoder.header(path, layer)
     if header.width != 2 * header.height:
         raise InputError(
             f"{shown(path)}: is {header.width} x {header.height}; expected a 2:1 latlong. "

@@ -29,8 +29,9 @@ class Repair:
         negative_flux_ratio: Flux of the negative values over the flux of the positive ones, both
             taken positive; infinite where nothing is positive.
         first: Row and column of the first non-finite texel, in the file's own grid.
-        filled_from: Frames that stand in for a missing one: one frame held, or the two it lies
-            between. Empty for a frame that is there.
+        filled_from: Frames that stand in for a missing or damaged one: one frame held, or the two
+            it lies between. Empty for a frame that is there.
+        fault: What the frame is that others stand in for: `missing`, or how its file is damaged.
     """
 
     negative: int = 0
@@ -38,6 +39,7 @@ class Repair:
     negative_flux_ratio: float = 0.0
     first: tuple[int, int] | None = None
     filled_from: tuple[int, ...] = ()
+    fault: str = ""
 
     @property
     def texels(self) -> int:
@@ -58,8 +60,8 @@ class Repair:
         if not self.filled_from:
             return ""
         if len(self.filled_from) == 1:
-            return f"frame missing, held from {self.filled_from[0]}"
-        return "frame missing, interpolated between {} and {}".format(*self.filled_from)
+            return f"frame {self.fault}, held from {self.filled_from[0]}"
+        return "frame {}, interpolated between {} and {}".format(self.fault, *self.filled_from)
 
     def _zeroing(self) -> str:
         if not self.texels:
@@ -87,13 +89,71 @@ class Repair:
         )
 
 
-def repair(radiance: Tensor, to_rec709: Tensor | None = None) -> tuple[Tensor, Repair]:
-    """Set negative and non-finite values to 0, converting the primaries in between.
+class Repairing:
+    """The repair of an image that comes in strips of rows, from top to bottom.
 
     Only the channels at fault become 0, so a slightly negative blue costs neither red nor green.
-    Non-finite values go before the conversion, which would spread them to all three channels;
-    negative ones after it, because a value may be negative in one set of primaries and not in
-    another.
+    Non-finite values go before the conversion of primaries, which would spread them to all three
+    channels; negative ones after it, because a value may be negative in one set of primaries and
+    not in another.
+    """
+
+    def __init__(self, height: int, width: int, to_rec709: Tensor | None = None) -> None:
+        """Begin at the top.
+
+        Args:
+            height: Rows of the image.
+            width: Columns of it.
+            to_rec709: Matrix from the file's primaries; None where they are Rec.709.  [3, 3]
+        """
+        self._solid_angles = latlong.texel_solid_angles(height, width, dtype=torch.float64)[:, 0]
+        self._to_rec709 = to_rec709
+        self._rows = self._negative = self._nonfinite = 0
+        self._first: tuple[int, int] | None = None
+        self._below = 0.0  # flux of the negative values, taken positive
+
+    def repaired(self, strip: Tensor) -> Tensor:
+        """Return the next rows in Rec.709 primaries, finite and >= 0.  [rows, W, 3]."""
+        top = self._rows
+        self._rows += len(strip)
+        if self._to_rec709 is None and _is_clean(strip):
+            return strip
+        blocks = []
+        for start in range(0, len(strip), ROWS):
+            rows = strip[start : start + ROWS]
+            weights = self._solid_angles[top + start : top + start + len(rows)]
+            block = _repair_rows(rows, weights, self._to_rec709)
+            self._count(block, top + start)
+            blocks.append(block.radiance)
+        return torch.cat(blocks)
+
+    def account(self, repaired: Tensor) -> Repair:
+        """Return what was changed.
+
+        Args:
+            repaired: The whole repaired image, or what it was reduced to: it has its flux.
+                [H', W', 3]
+        """
+        ratio = 0.0
+        if self._below:
+            solid_angles = latlong.texel_solid_angles(*repaired.shape[:2], dtype=torch.float64)
+            # Summed in float64: a float32 map may hold values whose sum overflows.
+            above = float(solid_angles[:, 0] @ repaired.sum(dim=(1, 2), dtype=torch.float64))
+            ratio = self._below / above if above else math.inf
+        return Repair(self._negative, self._nonfinite, ratio, self._first)
+
+    def _count(self, block: "_Block", top: int) -> None:
+        self._negative += block.negative
+        self._below += block.below
+        at_fault = torch.nonzero(block.nonfinite)
+        if self._first is None and len(at_fault):
+            row, column = at_fault[0].tolist()
+            self._first = (top + row, column)
+        self._nonfinite += len(at_fault)
+
+
+def repair(radiance: Tensor, to_rec709: Tensor | None = None) -> tuple[Tensor, Repair]:
+    """Set negative and non-finite values to 0, converting the primaries in between (`Repairing`).
 
     Args:
         radiance: Map in the file's primaries.  [H, W, 3]
@@ -102,24 +162,10 @@ def repair(radiance: Tensor, to_rec709: Tensor | None = None) -> tuple[Tensor, R
     Returns:
         Map in Rec.709 primaries, finite and >= 0, and the account of the change.  [H, W, 3]
     """
-    if to_rec709 is None and _is_clean(radiance):
-        return radiance, Repair()
     height, width = radiance.shape[:2]
-    solid_angles = latlong.texel_solid_angles(height, width, dtype=torch.float64)[:, 0]
-    blocks = [
-        _repair_rows(rows, weights, to_rec709)
-        for rows, weights in zip(radiance.split(ROWS), solid_angles.split(ROWS), strict=True)
-    ]
-    nonfinite = torch.cat([block.nonfinite for block in blocks])  # [H, W]
-    first = torch.nonzero(nonfinite)[:1].flatten().tolist()
-    below, above = (sum(block.fluxes[side] for block in blocks) for side in (0, 1))
-    account = Repair(
-        negative=sum(block.negative for block in blocks),
-        nonfinite=int(nonfinite.sum()),
-        negative_flux_ratio=below / above if above else math.inf if below else 0.0,
-        first=(first[0], first[1]) if first else None,
-    )
-    return torch.cat([block.radiance for block in blocks]), account
+    repairing = Repairing(height, width, to_rec709)
+    repaired = repairing.repaired(radiance)
+    return repaired, repairing.account(repaired)
 
 
 @dataclass(frozen=True)
@@ -129,7 +175,7 @@ class _Block:
     radiance: Tensor  # [rows, W, 3]
     nonfinite: Tensor  # [rows, W]
     negative: int
-    fluxes: tuple[float, float]  # below zero and above it, both taken positive
+    below: float  # flux of the negative values, taken positive
 
 
 def _is_clean(radiance: Tensor) -> bool:
@@ -148,10 +194,6 @@ def _repair_rows(radiance: Tensor, solid_angles: Tensor, to_rec709: Tensor | Non
         filled = torch.where(finite, filled, 0.0)
     nonfinite = ~finite.all(dim=-1)  # [rows, W]
     negative = (filled < 0).any(dim=-1) & ~nonfinite
-    repaired = filled.clamp(min=0)
     # Summed in float64: a float32 map may hold values whose sum overflows.
-    below, above = (
-        float(solid_angles @ values.sum(dim=(1, 2), dtype=torch.float64).abs())
-        for values in (filled.clamp(max=0), repaired)
-    )
-    return _Block(repaired, nonfinite, int(negative.sum()), (below, above))
+    below = float(solid_angles @ filled.clamp(max=0).sum(dim=(1, 2), dtype=torch.float64).abs())
+    return _Block(filled.clamp(min=0), nonfinite, int(negative.sum()), below)

@@ -17,6 +17,8 @@ from typing import Literal, get_args
 
 from asglight.errors import InputError
 from asglight.images import frame_files
+from asglight.images.decode import DamagedError
+from asglight.images.decoders import APART
 from asglight.images.frame_files import FrameFiles, frame_set, ranges
 from asglight.images.latlong_image import (
     LatlongImage,
@@ -86,14 +88,41 @@ class Sequence:
         return self.source.files[self._read_from(frame)[0]]
 
     def read(self, frame: int) -> LatlongImage:
-        """Read a frame; `repair` says when another one, or two, stand in for it.
+        """Read a frame; `repair` says when another one, or two, stand in for a missing one.
 
         Raises:
+            DamagedError: Its file cannot be decoded.
             InputError: The sequence has no such frame, or its file cannot be used.
         """
         sources = self._read_from(frame)
-        if sources == (frame,):
-            return self._read_file(frame)
+        return self._read_file(frame) if sources == (frame,) else self._filled(frame, sources)
+
+    def read_or_fill(self, frame: int) -> LatlongImage:
+        """Read a frame as `read`; a damaged file is treated as a missing one is (`missing`).
+
+        Raises:
+            InputError: As `read`; where damaged files are to be filled, every file is damaged.
+        """
+        damaged: dict[int, DamagedError] = {}
+        sources = self._read_from(frame)
+        while True:
+            try:
+                if sources == (frame,):
+                    return self._read_file(frame)
+                return self._filled(frame, sources, damaged.get(frame))
+            except DamagedError as error:
+                if self.missing == "error" or error.frame is None or error.frame in damaged:
+                    raise
+                damaged[error.frame] = error
+                existing = [one for one in self.source.files if one not in damaged]
+                if not existing:
+                    raise
+                sources = self._stand_ins(frame, existing)
+
+    def _filled(
+        self, frame: int, sources: tuple[int, ...], fault: DamagedError | None = None
+    ) -> LatlongImage:
+        """Return a frame made of another one or of two."""
         before = self._read_file(sources[0])
         if len(sources) == 1:
             radiance, account = before.radiance, before.repair
@@ -102,7 +131,8 @@ class Sequence:
             weight = (frame - sources[0]) / (sources[1] - sources[0])
             radiance = before.radiance.lerp(after.radiance, weight)
             account = before.repair.merged(after.repair)
-        account = dataclasses.replace(account, filled_from=sources)
+        finding = "missing" if fault is None else fault.finding
+        account = dataclasses.replace(account, filled_from=sources, fault=finding)
         return dataclasses.replace(before, radiance=radiance, repair=account)
 
     def _read_from(self, frame: int) -> tuple[int, ...]:
@@ -113,7 +143,10 @@ class Sequence:
             )
         if frame in self.source.files:
             return (frame,)
-        existing = list(self.source.files)
+        return self._stand_ins(frame, list(self.source.files))
+
+    def _stand_ins(self, frame: int, existing: list[int]) -> tuple[int, ...]:
+        """Return which of some other frames, in ascending order, stand in for a frame."""
         after = bisect.bisect(existing, frame)
         if after == 0:
             return (existing[0],)
@@ -123,25 +156,42 @@ class Sequence:
 
     def _read_file(self, frame: int) -> LatlongImage:
         path = self.source.files[frame]
-        image = read_latlong(path, height=self.height, layer=self.layer, colorspace=self.colorspace)
+        try:
+            image = read_latlong(
+                path,
+                height=self.height,
+                layer=self.layer,
+                colorspace=self.colorspace,
+                decoder=APART,
+            )
+        except DamagedError as error:
+            error.frame = frame
+            raise
         height, width = image.radiance.shape[:2]
-        if height != self._height_of_all:
+        first, rows = self._model
+        if height != rows:
             raise InputError(
                 f"{shown(path)}: frame {frame} is {width} x {height}; expected "
-                f"{2 * self._height_of_all} x {self._height_of_all} as frame {self._first} is. "
+                f"{2 * rows} x {rows} as frame {first} is. "
                 "Render or resize it to match."
             )
         return image
 
     @cached_property
-    def _first(self) -> int:
-        return self._read_from(self.frames[0])[0]
-
-    @cached_property
-    def _height_of_all(self) -> int:
-        """Return the rows of the first frame, which every other one must have."""
-        rows = read_header(self.source.files[self._first], self.layer).height
-        return rows if self.height is None else min(rows, self.height)
+    def _model(self) -> tuple[int, int]:
+        """Return the first frame whose header can be read, and the rows that all must have."""
+        first = self._read_from(self.frames[0])[0]
+        candidates = [first, *(frame for frame in self.source.files if frame > first)]
+        for frame in candidates:
+            try:
+                rows = read_header(self.source.files[frame], self.layer, APART).height
+            except DamagedError as error:
+                if self.missing == "error" or frame == candidates[-1]:
+                    error.frame = frame
+                    raise
+            else:
+                return frame, rows if self.height is None else min(rows, self.height)
+        raise AssertionError(candidates)
 
 
 def open_sequence(

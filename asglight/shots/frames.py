@@ -61,7 +61,7 @@ def fit_frames(
     frames = list(sequence.frames[len(done) :])
     shown = None
     if last is not None and frames and options.preset is not Preset.PAPER:
-        shown = sequence.read(last.frame).radiance
+        shown = sequence.read_or_fill(last.frame).radiance
     with contextlib.closing(read_ahead(sequence, frames)) as images:
         for frame in frames:
             begin = time.perf_counter()

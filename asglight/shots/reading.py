@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading the frames of a shot, one ahead of the frame that is being fitted."""
 
+import os
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -8,7 +9,11 @@ from typing import NamedTuple, TypeVar
 
 from asglight.errors import InputError
 from asglight.images import LatlongImage, Sequence
+from asglight.images.decode import DamagedError
 from asglight.images.message import shown
+
+READINGS_MAX = 3
+"""Of a frame: one replaced meanwhile is read anew, one that keeps changing is refused."""
 
 _Image = TypeVar("_Image")
 
@@ -58,18 +63,43 @@ def stamp_of(sequence: Sequence, frame: int) -> tuple[int, int]:
     Raises:
         InputError: The file is gone.
     """
+    state = _state(sequence, frame)
+    return state.st_size, state.st_mtime_ns
+
+
+def _state(sequence: Sequence, frame: int) -> os.stat_result:
     path = sequence.path(frame)
     try:
-        state = path.stat()
+        return path.stat()
     except OSError as error:
         raise InputError(
             f"{shown(path)}: cannot be read ({error.strerror}); expected the image of frame "
             f"{frame}. Was it moved while asglight ran?"
         ) from error
-    return state.st_size, state.st_mtime_ns
 
 
 def _read(sequence: Sequence, frame: int) -> ReadFrame:
-    # Taken first: a file that is replaced while it is read then counts as changed.
-    stamp = stamp_of(sequence, frame)
-    return ReadFrame(sequence.read(frame), stamp)
+    """Read a frame that nobody writes meanwhile: what is half old and half new is no frame."""
+    for _ in range(READINGS_MAX):
+        before = _state(sequence, frame)
+        try:
+            image = sequence.read_or_fill(frame)
+        except DamagedError:
+            if _is_same(before, _state(sequence, frame)):
+                raise
+        else:
+            if _is_same(before, _state(sequence, frame)):
+                return ReadFrame(image, (before.st_size, before.st_mtime_ns))
+    raise InputError(
+        f"{shown(sequence.path(frame))}: changes while it is read; expected the finished image of "
+        f"frame {frame}. Is it still being rendered? Start again when it is done."
+    )
+
+
+def _is_same(before: os.stat_result, after: os.stat_result) -> bool:
+    """Tell whether a file is still the one that it was, and unwritten since."""
+    return (before.st_ino, before.st_size, before.st_mtime_ns) == (
+        after.st_ino,
+        after.st_size,
+        after.st_mtime_ns,
+    )

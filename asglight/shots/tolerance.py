@@ -111,7 +111,7 @@ def fewest_lobes(
     assert options.max_lobes is not None
     count = 0
     for frame in spread_frames(sequence.frames):
-        radiance = sequence.read(frame).radiance
+        radiance = sequence.read_or_fill(frame).radiance
         accuracy.see(frame, radiance)
 
         def error(lobes: int, frame: int = frame, radiance: Tensor = radiance) -> float:

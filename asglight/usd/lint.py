@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux
 
-from asglight.images.decode import read_header, read_pixels
+from asglight.images.decode import read_header
+from asglight.images.strips import read_pixels
 from asglight.usd import schema
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_of

@@ -80,7 +80,7 @@ def test_repairs_and_filled_frames_are_told(
     out, err = capsys.readouterr()
     assert out.splitlines()[-1] == (
         "repaired: 1 NaN/Inf and 1 negative texels set to 0 in 1 frame (1002); "
-        "1 missing frame filled (1003)"
+        "1 missing or damaged frame filled (1003)"
     )
     assert "frame missing, held from 1002" in err
     assert main(["info", stage]) == 0

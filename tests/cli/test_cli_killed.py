@@ -130,7 +130,14 @@ def test_a_disk_that_fills_up_is_one_line_and_the_fit_resumes(
 ) -> None:
     fit = ("fit", source, "-o", tmp_path / "shot.usda", *OPTIONS)
     # bytes a file may have: the header and the first frame fit, the second frame does not
-    hook = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1200, 1200))"
+    hook = (
+        "import resource\nfrom asglight.shots import checkpoint\n"
+        "append = checkpoint.Checkpoint.append\n"
+        "def limited(self, record):\n"
+        "    resource.setrlimit(resource.RLIMIT_FSIZE, (1200, 1200))\n"
+        "    append(self, record)\n"
+        "checkpoint.Checkpoint.append = limited"
+    )
     stopped = commands.run_asglight(*fit, hook=hook)
     assert stopped.returncode == 2
     *frames, last = stopped.stderr.splitlines()

@@ -32,7 +32,7 @@ def test_matrix_agrees_with_opencolorio(name: str) -> None:
     assert not converted.has_error, converted.geterror()
     expected = np.array([converted.getpixel(column, 0) for column in range(3)]).T
     # OpenColorIO's AP0 and AP1 go through its own rounded D60-to-D65 matrix.
-    np.testing.assert_allclose(colour.to_rec709(colour.KNOWN[name]).numpy(), expected, atol=2e-4)
+    np.testing.assert_allclose(colour.to_rec709(colour.KNOWN[name]), expected, atol=2e-4)
 
 
 def test_acescg_matrix_is_the_published_one() -> None:
@@ -43,11 +43,12 @@ def test_acescg_matrix_is_the_published_one() -> None:
     ]
     matrix = colour.to_rec709(colour.KNOWN["ACEScg (AP1)"])
     # the last printed digit, and the white's five digits
-    np.testing.assert_allclose(matrix.numpy(), published, atol=3e-5)
+    np.testing.assert_allclose(matrix, published, atol=3e-5)
 
 
 def test_rec709_to_rec709_is_the_identity() -> None:
-    torch.testing.assert_close(colour.to_rec709(colour.REC709), torch.eye(3, dtype=torch.float64))
+    # the rounding of float64, through two solutions of 3 x 3
+    np.testing.assert_allclose(colour.to_rec709(colour.REC709), np.eye(3), atol=1e-15)
 
 
 def test_xyz_files_go_through_the_published_bradford_and_srgb_matrices() -> None:
@@ -64,9 +65,7 @@ def test_xyz_files_go_through_the_published_bradford_and_srgb_matrices() -> None
     expected = np.array(xyz_to_rec709) @ np.array(equal_energy_to_d65)
     # Both are printed (Lindbloom) for a D65 white of 0.95047, 1, 1.08883, a rounding away from
     # the white of xy 0.3127, 0.3290.
-    np.testing.assert_allclose(
-        colour.to_rec709(colour.KNOWN["CIE XYZ"]).numpy(), expected, atol=5e-4
-    )
+    np.testing.assert_allclose(colour.to_rec709(colour.KNOWN["CIE XYZ"]), expected, atol=5e-4)
 
 
 @given(
@@ -78,8 +77,8 @@ def test_xyz_files_go_through_the_published_bradford_and_srgb_matrices() -> None
     )
 )
 def test_white_stays_white(chromaticities: colour.Chromaticities) -> None:
-    white = colour.to_rec709(chromaticities) @ torch.ones(3, dtype=torch.float64)
-    torch.testing.assert_close(white, torch.ones(3, dtype=torch.float64), rtol=1e-9, atol=1e-9)
+    white = colour.to_rec709(chromaticities) @ np.ones(3)
+    np.testing.assert_allclose(white, np.ones(3), rtol=1e-9)
 
 
 def test_file_with_other_primaries_is_converted_and_says_so(tmp_path: Path) -> None:
@@ -88,7 +87,7 @@ def test_file_with_other_primaries_is_converted_and_says_so(tmp_path: Path) -> N
         tmp_path / "ap1.exr", values, chromaticities=colour.KNOWN["ACEScg (AP1)"]
     )
     image = read_latlong(path)
-    expected = values @ colour.to_rec709(colour.KNOWN["ACEScg (AP1)"]).numpy().T
+    expected = values @ colour.to_rec709(colour.KNOWN["ACEScg (AP1)"]).T
     assert image.converted_from == "ACEScg (AP1)"
     # float32 chromaticities in the file
     np.testing.assert_allclose(image.radiance.numpy(), expected, rtol=1e-5)

@@ -66,10 +66,10 @@ def test_sum_of_huge_values_does_not_overflow() -> None:
             "3 NaN/Inf and 120 negative texels set to 0 (negative flux 5.7 % of the positive)",
         ),
         (Repair(nonfinite=1), "1 NaN/Inf texel set to 0"),
-        (Repair(filled_from=(1016,)), "frame missing, held from 1016"),
+        (Repair(filled_from=(1016,), fault="missing"), "frame missing, held from 1016"),
         (
-            Repair(nonfinite=2, filled_from=(1016, 1019)),
-            "frame missing, interpolated between 1016 and 1019; 2 NaN/Inf texels set to 0",
+            Repair(nonfinite=2, filled_from=(1016, 1019), fault="is empty"),
+            "frame is empty, interpolated between 1016 and 1019; 2 NaN/Inf texels set to 0",
         ),
     ],
 )

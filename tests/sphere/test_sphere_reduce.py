@@ -131,3 +131,20 @@ def test_split_repeats_texels_until_there_are_rows_enough(rows: int, factor: int
     radiance = _random_map(4, 8)
     expected = radiance.repeat_interleave(factor, 0).repeat_interleave(factor, 1)
     torch.testing.assert_close(latlong.split(radiance, rows), expected, rtol=1e-14, atol=0)
+@given(sizes, sizes, st.integers(1, 9))
+@settings(deadline=None)
+def test_strips_are_reduced_as_the_whole(
+    source: tuple[int, int], target: tuple[int, int], rows: int
+) -> None:
+    radiance = _random_map(*source)
+    strips = radiance.split(rows)
+    reduced = latlong.reduce_strips(strips, source, *target)
+    np.testing.assert_allclose(
+        reduced.numpy(), latlong.reduce(radiance, *target).numpy(), rtol=ROUNDING
+    )
+
+
+def test_strips_of_whole_texels_are_reduced_to_the_bit() -> None:
+    radiance = _random_map(64, 128).float()
+    reduced = latlong.reduce_strips(radiance.split(16), (64, 128), 8, 16)
+    assert torch.equal(reduced, latlong.reduce(radiance, 8, 16))
