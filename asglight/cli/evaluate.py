@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from asglight.cli.frames import chosen_frames
-from asglight.cli.parser import add_input_options, add_json_option
+from asglight.cli.parser import add_follow_option, add_input_options, add_json_option
 from asglight.cli.printing import print_json, table
 from asglight.cli.progress import Reporter, reporter
 from asglight.errors import InputError
@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--reference", required=True, metavar="INPUT", help="image file, folder or pattern"
     )
     add_input_options(parser)
+    add_follow_option(parser)
     add_json_option(parser)
 
 

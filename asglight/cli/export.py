@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from asglight.cli.frames import chosen_frames
+from asglight.cli.parser import add_follow_option
 from asglight.cli.printing import counted, frame_range, size
 from asglight.errors import InputError
 from asglight.export import SgLayout
@@ -36,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "constants, of several as a uniform block that FILE with the suffix .f32 fills"
     )
     add("--frames", "--frame", metavar="RANGE", help=frames)
+    add_follow_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

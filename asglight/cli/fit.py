@@ -8,6 +8,7 @@ from asglight.cli import farm
 from asglight.cli.condition import condition_lines, condition_of
 from asglight.cli.leaving_out import left_out_lines
 from asglight.cli.parser import (
+    add_follow_option,
     add_input_options,
     add_json_option,
     frame_rate,
@@ -76,6 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_stage_options(parser)
     names = "stage of an earlier fit whose lights keep their names (default: the one written over)"
     add("--names-from", metavar="STAGE", help=names)
+    add_follow_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

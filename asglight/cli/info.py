@@ -12,7 +12,7 @@ import torch
 from asglight.cli.condition import condition_lines, condition_of
 from asglight.cli.fit import repair_line
 from asglight.cli.leaving_out import left_out_lines
-from asglight.cli.parser import add_json_option
+from asglight.cli.parser import add_follow_option, add_json_option
 from asglight.cli.printing import counted, frame_range, print_json, size, table
 from asglight.lobes import LobeTracks, asg
 
@@ -22,6 +22,7 @@ EXAMPLE = "asglight info sky.usda"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `info`."""
     parser.add_argument("stage", metavar="STAGE", help="a stage that asglight has written")
+    add_follow_option(parser)
     add_json_option(parser)
 
 

@@ -52,6 +52,25 @@ def add_json_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+class _FollowReferences(argparse.Action):
+    """Let stages refer to layers outside their folder, for this run."""
+
+    def __call__(self, *_: object) -> None:
+        from asglight.usd.trust import follow_references
+
+        follow_references()
+
+
+def add_follow_option(parser: argparse.ArgumentParser) -> None:
+    """Add --follow-references, of commands that read stages."""
+    parser.add_argument(
+        "--follow-references",
+        action=_FollowReferences,
+        nargs=0,
+        help="open the layers that a stage refers to outside its own folder",
+    )
+
+
 def frame_rate(text: str) -> float:
     """Parse a frame rate: `24`, `23.976` or `24000/1001`."""
     try:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from asglight.cli.info import part_lines
-from asglight.cli.parser import add_json_option
+from asglight.cli.parser import add_follow_option, add_json_option
 from asglight.cli.printing import counted, frame_range, print_json, size
 from asglight.cli.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.errors import InputError
@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = f"{OUTPUT}; none of the parts"
     parser.add_argument("-o", "--output", required=True, metavar="STAGE", help=output)
     add_stage_options(parser, kept="as of the first part")
+    add_follow_option(parser)
     add_json_option(parser)
 
 

@@ -41,6 +41,7 @@ from asglight.usd.schema import Representation
 from asglight.usd.spaces import space_for, to_stage
 from asglight.usd.stage import lobe_prims, numbers, open_rig, open_stage
 from asglight.usd.staging import WriteReport
+from asglight.usd.trust import our_own
 
 LAYER_SUFFIXES = tuple(suffix for suffix in STAGE_SUFFIXES if suffix != ".usdz")
 """A package would have to hold the stage that the layer lies over."""
@@ -158,7 +159,7 @@ def write_edit_layer(
     _check_same(below, tracks, edited)
     _check_apart(path, below)
     differing = [track for track in _tracks(below, tracks, edited) if _differs(below, track)]
-    with staging.staged(path) as place:
+    with staging.staged(path) as place, our_own():
         height, space = below.options.dome_height, space_for(below.options)
         textures = staging.write_dome(tracks, place, height, space) if differing else []
         refill = differing and any(below.kinds[index] is cards.Kind.FILL for index in edited)

@@ -13,6 +13,9 @@ def reason(error: OSError | Tf.ErrorException) -> str:
     """Return the first cause that an error names, without USD's place in its sources."""
     if isinstance(error, OSError):
         return error.strerror or type(error).__name__
-    causes = [getattr(cause, "commentary", str(cause)) for cause in error.args]
+    try:
+        causes = [getattr(cause, "commentary", None) or str(cause) for cause in error.args]
+    except UnicodeDecodeError:  # it quotes the file
+        causes = ["a text in it is not UTF-8"]
     first = causes[0] if causes else "no reason given"
     return shown(" ".join(first.split()))[:REASON_MAX].rstrip(".")

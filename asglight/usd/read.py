@@ -27,7 +27,7 @@ from asglight.usd import schema
 from asglight.usd.edited_lights import with_light_edits
 from asglight.usd.read_options import card_distance_of
 from asglight.usd.spaces import Space, from_stage, space_of
-from asglight.usd.stage import lobe_prims, numbers, open_rig, rig_data
+from asglight.usd.stage import lobe_prims, numbers, open_rig, readable, rig_data
 
 FRAMES_MAX = 1_000_000
 """Eleven hours at 24 frames a second. A range beyond it is damage, and would fill the memory."""
@@ -73,6 +73,11 @@ def read_stage(path: str | Path) -> Reading:
         InputError: As `read_usd`.
     """
     stage, rig = open_rig(path)
+    with readable(path):
+        return _reading(path, stage, rig)
+
+
+def _reading(path: str | Path, stage: Usd.Stage, rig: Usd.Prim) -> Reading:
     prims = lobe_prims(rig)
     data = rig_data(rig)
     version = data.get("version")
@@ -139,7 +144,10 @@ def _track(
     values = [query.Get(time) for time in (times if varies else times[:1])]
     if None in values:
         _fail(path, f"{place} has no value at frame {times[values.index(None)]}", expected)
-    rows = numbers(values, kind)
+    try:
+        rows = numbers(values, kind)
+    except TypeError:  # a damaged crate may hold a value of another type than it declares
+        _fail(path, f"{place} holds values of another type", expected)
     good = np.isfinite(rows).all(-1) & is_good(rows)
     if not good.all():
         first = int(np.flatnonzero(~good)[0])

@@ -18,30 +18,54 @@ from asglight.images.latlong_image import read_header
 from asglight.images.message import shown
 from asglight.usd import schema
 from asglight.usd.faults import reason
+from asglight.usd.references import UnreadableError, checked_layers
 
 
 def open_stage(path: str | Path) -> Usd.Stage:
     """Open a stage, payloads unloaded, as it is on disk now.
 
     Raises:
-        InputError: There is no file, or USD cannot read it.
+        InputError: There is no file, USD cannot read it, or it refers to layers that are not to be
+            opened unasked (references.py).
     """
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{shown(path)}: no such file; expected a USD stage.")
-    try:
+    with readable(path):
+        kept = checked_layers(path)
         stage = Usd.Stage.Open(str(path), Usd.Stage.LoadNone)
+        del kept
         # USD keeps a layer in memory while anyone in the process holds it; a rewritten file is
         # reread, but nobody's unsaved edits are dropped.
         for layer in stage.GetUsedLayers():
             if not (layer.anonymous or layer.dirty):
                 layer.Reload()
-    except Tf.ErrorException as error:
-        raise InputError(
-            f"{shown(path)}: not readable as USD ({reason(error)}); expected a USD stage. "
-            "Is the file whole?"
-        ) from error
     return stage
+
+
+@contextmanager
+def readable(path: str | Path) -> Iterator[None]:
+    """Raise what USD says of a file that is damaged within as one line that names it.
+
+    Raises:
+        InputError: USD cannot read what is asked of it, or a text in it is none.
+    """
+    try:
+        yield
+    except Tf.ErrorException as error:
+        raise _unreadable(path, reason(error)) from error
+    except UnreadableError as error:
+        raise _unreadable(path, str(error)) from error
+    except UnicodeDecodeError as error:
+        raise _unreadable(path, "a text in it is not UTF-8") from error
+    except OSError as error:
+        raise _unreadable(path, error.strerror or "it vanished") from error
+
+
+def _unreadable(path: str | Path, said: str) -> InputError:
+    return InputError(
+        f"{shown(path)}: not readable as USD ({said}); expected a USD stage. Is the file whole?"
+    )
 
 
 def find_rig(stage: Usd.Stage) -> Usd.Prim | None:
@@ -65,8 +89,9 @@ def representation_of(path: str | Path) -> str | None:
         InputError: There is no file, or USD cannot read it.
     """
     stage = open_stage(path)  # kept: the rig dies with its stage
-    rig = find_rig(stage)
-    return rig.GetVariantSet(schema.VARIANT_SET).GetVariantSelection() or None if rig else None
+    with readable(path):
+        rig = find_rig(stage)
+        return rig.GetVariantSet(schema.VARIANT_SET).GetVariantSelection() or None if rig else None
 
 
 def open_rig(path: str | Path) -> tuple[Usd.Stage, Usd.Prim]:
@@ -76,9 +101,10 @@ def open_rig(path: str | Path) -> tuple[Usd.Stage, Usd.Prim]:
         InputError: There is no such stage, or it holds no lobes.
     """
     stage = open_stage(path)
-    rig = find_rig(stage)
-    if rig is None or not lobe_prims(rig):
-        raise InputError(f"{shown(path)}: {_other_lights(stage)}")
+    with readable(path):
+        rig = find_rig(stage)
+        if rig is None or not lobe_prims(rig):
+            raise InputError(f"{shown(path)}: {_other_lights(stage)}")
     return stage, rig
 
 

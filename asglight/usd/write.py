@@ -11,6 +11,7 @@ from asglight.usd.lint import lint_stage
 from asglight.usd.options import STAGE_SUFFIXES, StageOptions, check_stage_options
 from asglight.usd.spaces import space_for
 from asglight.usd.staging import WriteReport
+from asglight.usd.trust import our_own
 
 
 def write_usd(
@@ -71,7 +72,7 @@ def write_usd(
     check_stage_options(options)
     check_tracks(tracks)
     check_target(path, STAGE_SUFFIXES)
-    with staging.staged(path) as place:
+    with staging.staged(path) as place, our_own():
         beside, author = _write_files(tracks, options, place)
         findings = lint_stage(place)
         if findings:

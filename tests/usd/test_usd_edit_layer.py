@@ -17,7 +17,7 @@ from usd_tracks import contents, edited, moving, of_every_kind, still
 from asglight.errors import InputError
 from asglight.images import read_latlong
 from asglight.lobes import Form, LobeTracks
-from asglight.usd import Representation, lint_stage, read_usd, write_edit_layer, write_usd
+from asglight.usd import Representation, lint_stage, read_usd, trust, write_edit_layer, write_usd
 
 FRAMES = (1001, 1002, 1005, 1006, 1010)
 ROUNDING = 3e-6
@@ -214,7 +214,7 @@ def test_the_validators_of_usd_are_content(tmp_path):
     assert [error.GetErrorAsString() for error in errors] == []
 
 
-def test_the_stage_is_named_relatively_so_both_can_move_together(tmp_path):
+def test_the_stage_is_named_relatively_so_both_can_move_together(tmp_path, monkeypatch):
     (tmp_path / "a" / "shots").mkdir(parents=True)
     (tmp_path / "a" / "edits").mkdir()
     path, tracks = fit(tmp_path / "a" / "shots")
@@ -224,6 +224,10 @@ def test_the_stage_is_named_relatively_so_both_can_move_together(tmp_path):
     moved = tmp_path / "b" / "edits" / "edit.usda"
     layer = Sdf.Layer.FindOrOpen(str(moved))
     assert list(layer.subLayerPaths) == ["../shots/fit.usda"]
+    with pytest.raises(InputError, match=r"refers to \.\./shots/fit\.usda, outside its folder"):
+        read_usd(moved)
+    monkeypatch.setattr(trust, "_ASKED", trust._Asked())
+    trust.follow_references()
     assert lint_stage(moved) == []
     np.testing.assert_allclose(
         read_usd(moved).lobes.amplitude, after.lobes.amplitude, rtol=ROUNDING

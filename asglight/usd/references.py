@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is checked of a stage from outside before USD composes it.
+
+USD opens whatever a layer names: any path of this computer, and of any other that a path leads to.
+So the layers are looked at one by one, each without those it refers to, and those are opened only
+where they lie in the stage's own folder or below it, or in its package; `--follow-references` opens
+the others too (trust.py).
+
+Binary layers are first opened in another process (probing_process.py): USD 26.11 takes all memory
+at about one of a hundred of those that have a few wrong bytes (docs/soak.md).
+"""
+
+import atexit
+import os
+import threading
+from pathlib import Path
+
+from pxr import Ar, Sdf
+
+from asglight.errors import InputError
+from asglight.images.apart import Apart, ApartError
+from asglight.images.message import shown
+from asglight.usd.layer_facts import LayerFacts, facts_of
+from asglight.usd.trust import follows_references, is_our_own
+
+_BINARY = (b"PXR-USDC", b"PK\x03\x04")
+"""How a crate begins, and a package, which may hold one."""
+
+
+class UnreadableError(Exception):
+    """USD cannot read a layer; the message says why, as a clause."""
+
+
+def checked_layers(path: Path) -> list[Sdf.Layer]:
+    """Look at the layers of a stage, and open those that are text.
+
+    Returns:
+        The text layers; while they are kept, USD does not read them anew.
+
+    Raises:
+        InputError: The stage refers to layers outside its folder, or to what is no file.
+        UnreadableError: A binary layer cannot be read.
+        Tf.ErrorException: A text layer cannot be read.
+    """
+    if is_our_own():
+        return []
+    kept: list[Sdf.Layer] = []
+    seen: set[str] = set()
+    waiting = [str(path)]
+    while waiting:
+        name = waiting.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        facts = _facts(name, kept)
+        if facts.clips is not None and not follows_references():
+            raise _outside(path, f"has value clips at {facts.clips}")
+        for said, target in facts.layers:
+            _check_place(path, said, target)
+            if os.path.exists(Ar.SplitPackageRelativePathOuter(target)[0]):
+                waiting.append(target)
+    return kept
+
+
+def _facts(name: str, kept: list[Sdf.Layer]) -> LayerFacts:
+    """Return what a layer refers to, and keep it if it is text."""
+    file = Ar.SplitPackageRelativePathOuter(name)[0]
+    with open(file, "rb") as stream:
+        is_binary = stream.read(8).startswith(_BINARY)
+    if is_binary:
+        return _PROBE.facts(name, os.path.getsize(file))
+    layer = Sdf.Layer.FindOrOpen(name)
+    if layer is None:
+        raise UnreadableError("of no known kind")
+    if not layer.dirty:
+        layer.Reload()  # somebody may have kept it since before it was written
+    kept.append(layer)
+    return facts_of(layer)
+
+
+def _check_place(path: Path, said: str, target: str) -> None:
+    """Refuse a layer that is not a file in or below the stage's folder."""
+    file = Ar.SplitPackageRelativePathOuter(target)[0]
+    if os.path.exists(file) and not os.path.isfile(file):
+        raise InputError(
+            f"{shown(path)}: refers to {shown(said)}, which is no file; expected a USD layer. "
+            "Correct the reference."
+        )
+    if follows_references():
+        return
+    folder = os.path.realpath(path.parent)
+    if not os.path.realpath(file).startswith(os.path.join(folder, "")):
+        raise _outside(path, f"refers to {shown(said)}, outside its folder")
+
+
+def _outside(path: Path, found: str) -> InputError:
+    return InputError(
+        f"{shown(path)}: {found}; expected layers beside or below it. If you know where it comes "
+        "from, add --follow-references."
+    )
+
+
+class _Probe:
+    """The process that tries out binary layers, started when the first one is met."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: Apart | None = None
+        self._owner = 0
+        atexit.register(self._close)
+
+    def facts(self, name: str, size: int) -> LayerFacts:
+        """Return what a layer refers to.
+
+        Args:
+            name: Its path.
+            size: Bytes of its file.
+
+        Raises:
+            UnreadableError: It cannot be read, or ends or occupies the process.
+        """
+        with self._lock:
+            if self._process is None or self._owner != os.getpid():
+                self._process = Apart("asglight.usd.probing_process")
+                self._owner = os.getpid()
+            try:
+                self._process.tell({"layer": name, "bytes": size, "folder": os.getcwd()})
+                answer = self._process.reply()
+            except ApartError as error:
+                self._process = None
+                raise UnreadableError(str(error)) from error
+        if "unreadable" in answer:
+            raise UnreadableError(answer["unreadable"])
+        return LayerFacts(tuple(map(tuple, answer["layers"])), answer["clips"])
+
+    def _close(self) -> None:
+        if self._process is not None and self._owner == os.getpid():
+            self._process.close()
+
+
+_PROBE = _Probe()
