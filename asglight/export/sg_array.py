@@ -193,7 +193,7 @@ def _mapped(path: Path) -> NDArray[np.generic]:
         raise InputError(
             f"{shown(path)}: cannot be read ({finding}); expected {expected}."
         ) from error
-    except (ValueError, SyntaxError, tokenize.TokenError) as error:
+    except (ValueError, OverflowError, SyntaxError, tokenize.TokenError) as error:
         _fail(path, f"is no whole .npy array ({compressed(str(error))})", expected)
 
 

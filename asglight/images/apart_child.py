@@ -85,8 +85,9 @@ def allow_memory(declared: int) -> None:
     if not statistics.exists():  # not Linux: the system's own limits hold
         return
     data = int(statistics.read_text().split()[5]) * resource.getpagesize()
-    limit = data + declared + HEADROOM
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, resource.RLIM_INFINITY))
+    limit, hard = data + declared + HEADROOM, resource.getrlimit(resource.RLIMIT_DATA)[1]
+    soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def _watch() -> None:

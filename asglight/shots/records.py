@@ -61,7 +61,10 @@ def parse_line(line: bytes) -> dict[str, Any] | None:
     body = line[len(_HEAD) : -_TAIL_LENGTH]
     if line != _HEAD + body + _TAIL % zlib.crc32(body):
         return None
-    record = json.loads(body)
+    try:
+        record = json.loads(body)
+    except (ValueError, RecursionError):  # whoever damages a line on purpose mends its checksum
+        return None
     return record if isinstance(record, dict) else None
 
 
@@ -85,21 +88,47 @@ def from_json(record: dict[str, Any], form: Form) -> FrameRecord:
     Raises:
         KeyError, TypeError, ValueError: The values are not such a frame.
     """
-    repair = dict(record["repair"])
-    first, filled_from = repair.pop("first"), repair.pop("filled_from")
-    size, time = record["stamp"]
+    size, time = (_whole(value) for value in record["stamp"])
+    repeats = record["repeats"]
     return FrameRecord(
-        frame=record["frame"],
+        frame=_whole(record["frame"]),
         lobes=_lobes_from_text(record["lobes"], form),
-        loss=record["loss"],
-        flux_error=record["flux_error"],
-        repair=Repair(
-            **repair, first=None if first is None else tuple(first), filled_from=tuple(filled_from)
-        ),
+        loss=_number(record["loss"]),
+        flux_error=_number(record["flux_error"]),
+        repair=_repair(record["repair"]),
         stamp=(size, time),
-        seconds=record["seconds"],
-        repeats=record["repeats"],
+        seconds=_number(record["seconds"]),
+        repeats=None if repeats is None else _whole(repeats),
     )
+
+
+def _repair(values: dict[str, Any]) -> Repair:
+    first = values["first"]
+    if first is not None:
+        row, column = map(_whole, first)
+        first = (row, column)
+    return Repair(
+        negative=_whole(values["negative"]),
+        nonfinite=_whole(values["nonfinite"]),
+        negative_flux_ratio=_number(values["negative_flux_ratio"]),
+        first=first,
+        filled_from=tuple(map(_whole, values["filled_from"])),
+        fault=str(values["fault"]),
+    )
+
+
+def _whole(value: Any) -> int:
+    """Return a whole number of 64 bits; what is none is a fault of the line."""
+    if type(value) is not int or abs(value) >= 2**63:
+        raise ValueError(value)
+    return value
+
+
+def _number(value: Any) -> float:
+    """Return a float; JSON writes one without a fraction as a whole number."""
+    if type(value) is float:
+        return value
+    return float(_whole(value))
 
 
 def own_frames(records: list[FrameRecord]) -> list[FrameRecord]:
@@ -125,6 +154,8 @@ def _text_from_lobes(lobes: Lobes) -> str:
 def _lobes_from_text(text: str, form: Form) -> Lobes:
     data = base64.b64decode(text, validate=True)
     numbers = np.frombuffer(data, "<f4").reshape(-1, _NUMBERS_A_LOBE)
+    if not len(numbers) or not np.isfinite(numbers).all():
+        raise ValueError(text)
     # Each tensor is copied into memory of its own, aligned as the tensors of an unbroken run are:
     # the results of vectorised sums may depend on it.
     axes, sharpness, amplitude = (

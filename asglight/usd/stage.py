@@ -54,7 +54,7 @@ def readable(path: str | Path) -> Iterator[None]:
         yield
     except Tf.ErrorException as error:
         raise _unreadable(path, reason(error)) from error
-    except UnreadableError as error:
+    except (UnreadableError, OtherTypeError) as error:
         raise _unreadable(path, str(error)) from error
     except UnicodeDecodeError as error:
         raise _unreadable(path, "a text in it is not UTF-8") from error
@@ -177,10 +177,25 @@ def image_file(resolved: str) -> Iterator[Path]:
         yield copy
 
 
+class OtherTypeError(Exception):
+    """A value has another type than its attribute declares, as a damaged crate may have it."""
+
+
 def numbers(values: Iterable[object], kind: Sdf.ValueTypeName) -> NDArray[np.float64]:
-    """Convert USD values to rows of numbers; quaternions as (w, x, y, z).  [F, K]."""
+    """Convert USD values to rows of numbers; quaternions as (w, x, y, z).  [F, K].
+
+    Raises:
+        OtherTypeError: A value is not of that type; `readable` makes it one line.
+    """
+    try:
+        return _numbers(list(values), kind)
+    except (TypeError, ValueError) as error:
+        raise OtherTypeError(f"a value is not of type {kind}") from error
+
+
+def _numbers(values: list[Any], kind: Sdf.ValueTypeName) -> NDArray[np.float64]:
     if kind == Sdf.ValueTypeNames.Quatf:
-        imaginary_first = np.asarray(Vt.QuatfArray(list(values)), dtype=np.float64)
+        imaginary_first = np.asarray(Vt.QuatfArray(values), dtype=np.float64)
         return np.roll(imaginary_first, 1, axis=-1)
     vectors = {
         Sdf.ValueTypeNames.Float2: Vt.Vec2fArray,
@@ -188,5 +203,8 @@ def numbers(values: Iterable[object], kind: Sdf.ValueTypeName) -> NDArray[np.flo
         Sdf.ValueTypeNames.Double3: Vt.Vec3dArray,
     }
     if kind in vectors:
-        return np.asarray(vectors[kind](list(values)), dtype=np.float64)
-    return np.asarray(list(values), dtype=np.float64)[:, None]
+        return np.asarray(vectors[kind](values), dtype=np.float64)
+    rows = np.asarray(values, dtype=np.float64)
+    if rows.ndim != 1:
+        raise ValueError(values)
+    return rows[:, None]
