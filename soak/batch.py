@@ -26,8 +26,8 @@ BATCH = 250
 """Files a process: a fork takes 20 ms, and what leaks is gone after so many."""
 
 SECONDS_MAX = 40
-"""For a file of some kB, which takes milliseconds; on a loaded machine a process apart takes seconds
-to start. It gets half of this."""
+"""For a file of some kB, which takes milliseconds; on a loaded machine a process apart takes
+seconds to start. It gets half of this."""
 
 FREE = 48 * 2**20
 """Bytes by which the memory may grow without a question: libraries' tables, pools of allocators."""
@@ -104,7 +104,7 @@ def _ending(status: int) -> str:
 def _forked(
     reader: Reader, read: Read, files: list[bytes], seen: set[tuple[str, int, int]]
 ) -> tuple[list[Result], int]:
-    """Read files in a fork until one ends it; return what was told, and the signal that ended it."""
+    """Read files in a fork until one ends it; return what it told, and the signal that did."""
     here, there = os.pipe()
     sys.stdout.flush()
     sys.stderr.flush()
@@ -200,9 +200,8 @@ def _one(reader: Reader, read: Read, path: Path) -> tuple[Result, set[tuple[str,
     finally:
         sys.settrace(None)
     result.growth = _peak() - before
-    if result.growth > FREE + MEMORY_FACTOR * path.stat().st_size:
-        if result.growth > FREE + MEMORY_FACTOR * declared_bytes(path):
-            result.outcome, result.fault = Outcome.MEMORY, f"{result.growth >> 20} MB"
+    if result.growth > FREE and result.growth > FREE + MEMORY_FACTOR * declared_bytes(path):
+        result.outcome, result.fault = Outcome.MEMORY, f"{result.growth >> 20} MB"
     return result, tracer.edges
 
 

@@ -7,9 +7,9 @@ The fuzzer is guided by coverage: it notes which steps from line to line asgligh
 on a file, and a damaged file that makes them take a new one joins the seeds. Native libraries are
 not instrumented; what leads into them is.
 
-A batch of files is read by a forked process with a limit on memory and time, so that whatever a file
-does is told from the outside. What ends an image's reader is read once more as the product reads it,
-apart (asglight/images/apart.py).
+A batch of files is read by a forked process with a limit on memory and time, so that whatever a
+file does is told from the outside. What ends an image's reader is read once more as the product
+reads it, apart (asglight/images/apart.py).
 """
 
 import argparse
@@ -34,6 +34,9 @@ KEPT_MAX = 5
 
 POOL_MAX = 2000
 """Seeds and what joined them."""
+
+RECENT = 50
+"""Of the pool, how many count as recent."""
 
 
 @dataclass

@@ -16,6 +16,7 @@ from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux
 from asglight.images.decode import read_header
 from asglight.images.strips import read_pixels
 from asglight.usd import schema
+from asglight.usd.references import may_open
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_of
 from asglight.usd.stage import find_rig, has_lobe_api, image_file, numbers, open_stage
@@ -189,7 +190,8 @@ def _texture_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[
     asset = attribute.Get()
     if times:
         yield "changes over time; expected one image for all frames"
-    if asset is None or not _is_there(asset):
+    stage = Path(attribute.GetStage().GetRootLayer().realPath)
+    if asset is None or not _is_there(asset) or not may_open(stage, asset.resolvedPath):
         return
     with image_file(asset.resolvedPath) as path:
         mean = float(read_pixels(read_header(path)).mean(dtype=np.float64))

@@ -73,7 +73,8 @@ def read_stage(path: str | Path) -> Reading:
         InputError: As `read_usd`.
     """
     stage, rig = open_rig(path)
-    with readable(path):
+    # What another program has made infinite is refused in the end, and not warned of on the way.
+    with readable(path), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         return _reading(path, stage, rig)
 
 
@@ -92,8 +93,20 @@ def _reading(path: str | Path, stage: Usd.Stage, rig: Usd.Prim) -> Reading:
     lobes = _lobes(path, prims, times)
     lobes, changes = with_light_edits(rig, prims, lobes, times, distance)
     names = tuple(prim.GetName() for prim in prims)
+    _check_finite(path, lobes, names, times)
     tracks = LobeTracks(times, fps, from_stage(lobes, space), _metadata(path, data), names)
     return Reading(tracks, tuple(changes))
+
+
+def _check_finite(
+    path: str | Path, lobes: Lobes, names: tuple[str, ...], times: tuple[int, ...]
+) -> None:
+    """Refuse lights that another program has made infinite.  [F, N, .]."""
+    values = torch.cat([lobes.axes.flatten(-2), lobes.sharpness, lobes.amplitude], dim=-1)
+    bad = torch.nonzero(~torch.isfinite(values).all(dim=-1))
+    if len(bad):
+        frame, lobe = bad[0].tolist()
+        _fail(path, f"the light of {names[lobe]} is not finite at frame {times[frame]}", "numbers")
 
 
 def _space(path: str | Path, rig: Usd.Prim) -> Space:

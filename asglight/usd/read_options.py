@@ -8,6 +8,7 @@ from pxr import Usd, UsdGeom
 from asglight.errors import InputError
 from asglight.usd import cards, distant, schema
 from asglight.usd.options import DISTANCE_M, DOME_HEIGHT, Representation, StageOptions
+from asglight.usd.references import may_open
 from asglight.usd.spaces import space_of
 from asglight.usd.stage import image_height, lobe_prims, open_rig, rig_data
 
@@ -132,7 +133,9 @@ def _images(rig: Usd.Prim, representation: Representation, name: str) -> list[st
         return []
     codes = [Usd.TimeCode.Default(), *map(Usd.TimeCode, attribute.GetTimeSamples())]
     assets = [attribute.Get(code) for code in codes]
-    return [asset.resolvedPath for asset in assets if asset and asset.resolvedPath]
+    stage = Path(rig.GetStage().GetRootLayer().realPath)
+    found = [asset.resolvedPath for asset in assets if asset and asset.resolvedPath]
+    return [path for path in found if may_open(stage, path)]
 
 
 def _dome_height(rig: Usd.Prim) -> int:

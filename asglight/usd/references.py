@@ -86,11 +86,22 @@ def _check_place(path: Path, said: str, target: str) -> None:
             f"{shown(path)}: refers to {shown(said)}, which is no file; expected a USD layer. "
             "Correct the reference."
         )
-    if follows_references():
-        return
-    folder = os.path.realpath(path.parent)
-    if not os.path.realpath(file).startswith(os.path.join(folder, "")):
+    if not may_open(path, target):
         raise _outside(path, f"refers to {shown(said)}, outside its folder")
+
+
+def may_open(stage: Path, target: str) -> bool:
+    """Tell whether a file that a stage refers to may be opened unasked.
+
+    Args:
+        stage: The stage.
+        target: The file's path as USD resolves it; of one in a package, that of the package counts.
+    """
+    if is_our_own() or follows_references():
+        return True
+    folder = os.path.realpath(stage.parent)
+    file = Ar.SplitPackageRelativePathOuter(target)[0]
+    return os.path.realpath(file).startswith(os.path.join(folder, ""))
 
 
 def _outside(path: Path, found: str) -> InputError:

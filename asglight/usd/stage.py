@@ -166,14 +166,18 @@ def image_file(resolved: str) -> Iterator[Path]:
 
     Args:
         resolved: Its path as USD resolves it.
+
+    Raises:
+        InputError: The package is damaged.
     """
     if not Ar.IsPackageRelativePath(resolved):
         yield Path(resolved)
         return
-    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(resolved))
     with tempfile.TemporaryDirectory(prefix="asglight-") as folder:
         copy = Path(folder) / "image.exr"
-        copy.write_bytes(asset.GetBuffer() if asset else b"")
+        with readable(resolved):
+            asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(resolved))
+            copy.write_bytes(asset.GetBuffer() if asset else b"")
         yield copy
 
 

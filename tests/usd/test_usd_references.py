@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """A stage from outside makes asglight open nothing but what lies in its own folder."""
 
+import math
 import os
 import shutil
 import signal
 from pathlib import Path
 
 import pytest
-from pxr import Sdf
+from pxr import Sdf, Usd
 from usd_tracks import moving
 
 from asglight.cli.main import main
 from asglight.errors import InputError
 from asglight.usd import lint_stage, read_usd, references, trust, write_usd
+from asglight.usd.options import DOME_HEIGHT
+from asglight.usd.read_options import read_options
 from asglight.usd.stage import open_stage
 
 
@@ -167,6 +170,30 @@ def test_the_option_follows(
         assert main([*command, "--follow-references"]) == 2
         # it was followed: what it lacks is the frame range that USD reads from the root layer only
         assert "frame range 0 to 0" in capfd.readouterr().err
+
+
+def test_an_image_outside_the_folder_is_not_opened(tmp_path: Path) -> None:
+    path = tmp_path / "shot" / "shot.usda"
+    path.parent.mkdir()
+    write_usd(moving([1, 2]), path, dome_height=4)
+    outside = tmp_path / "images"
+    shutil.copytree(path.parent / "shot_dome", outside)
+    path.write_text(path.read_text().replace("./shot_dome", "../images"))
+    assert read_options(path).dome_height == DOME_HEIGHT  # the usual one, as where none is there
+    trust.follow_references()
+    assert read_options(path).dome_height == 4
+
+
+def test_a_light_that_is_not_finite_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.usda"
+    write_usd(moving([1, 2]), path, representation="distant", dome_height=2)
+    stage = Usd.Stage.Open(str(path))
+    light = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00").GetAttribute("inputs:intensity")
+    light.Set(math.inf, 1)
+    light.Set(math.inf, 2)
+    stage.Save()
+    with pytest.raises(InputError, match=r"the light of lobe_00 is not finite at frame 1; exp"):
+        read_usd(path)
 
 
 def test_text_that_is_not_utf_8_is_one_line(tmp_path: Path, library: Path) -> None:
