@@ -15,9 +15,8 @@ from typing import Any
 from asglight.errors import InputError
 from asglight.images.apart import TIME_LIMIT
 
-HEADROOM = 256 * 2**20 + 16 * 2**20 * (os.cpu_count() or 1)
-"""Bytes that a reader may take beyond what the file declares: a strip, the stacks (8 MB) of the
-library's threads, of which it has one for each core, and their working memory."""
+THREADS = 16 * 2**20 * (os.cpu_count() or 1)
+"""Bytes of the stacks (8 MB) and buffers of a library's threads, one for each core."""
 
 Handle = Callable[[dict[str, Any], "Channel"], None]
 """Answers a request, a line or several, through the channel."""
@@ -65,7 +64,6 @@ def serve(handle: Handle, shared: int) -> None:
     os.dup2(nowhere, 1)
     channel = Channel(replies, shared)
     while (request := channel.next_request()) is not None:
-        allow_memory(0)
         try:
             handle(request, channel)
         except InputError as error:
@@ -75,17 +73,17 @@ def serve(handle: Handle, shared: int) -> None:
             channel.tell({"bug": traceback.format_exc()})
 
 
-def allow_memory(declared: int) -> None:
-    """Let this process take so much memory more, and the headroom; what takes more fails.
+def allow_memory(size: int) -> None:
+    """Let this process take so much memory more, and what threads take; what takes more fails.
 
     Args:
-        declared: Bytes that a file has good reason to need.
+        size: Bytes that a file has good reason to need.
     """
     statistics = Path("/proc/self/statm")
     if not statistics.exists():  # not Linux: the system's own limits hold
         return
     data = int(statistics.read_text().split()[5]) * resource.getpagesize()
-    limit, hard = data + declared + HEADROOM, resource.getrlimit(resource.RLIMIT_DATA)[1]
+    limit, hard = data + size + THREADS, resource.getrlimit(resource.RLIMIT_DATA)[1]
     soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 

@@ -17,6 +17,9 @@ SLOTS = 2
 MEMORY_FACTOR = 4
 """Times the declared size of the image, with all its channels, that decoding may take."""
 
+MEMORY_FREE = 256 * 2**20
+"""Bytes that it may take besides: the header, two strips of the largest image, tables."""
+
 
 def handle(request: dict[str, Any], channel: Channel) -> None:
     """Answer `{path, layer, folder}` with the header, `{header, slot, folder}` with the pixels.
@@ -28,11 +31,12 @@ def handle(request: dict[str, Any], channel: Channel) -> None:
     if "folder" in request:  # this process may have been started in another one
         os.chdir(request["folder"])
     if "path" in request:
+        allow_memory(MEMORY_FREE)
         header = read_header(Path(request["path"]), request["layer"])
         channel.tell({"header": to_json(header)})
     elif "header" in request:  # else a slot that became free when there was nothing left to write
         header = from_json(request["header"])
-        allow_memory(MEMORY_FACTOR * header.stored_bytes)
+        allow_memory(MEMORY_FREE + MEMORY_FACTOR * header.stored_bytes)
         _tell_strips(header, channel, request["slot"])
         channel.tell({"shape": None})
 

@@ -16,8 +16,8 @@ from asglight.images import Sequence
 from asglight.images.message import shown
 from asglight.usd.options import STAGE_SUFFIXES
 
-LOBES_MAX = 256
-"""The normal equations of a fit grow with the square of the number of lobes: 21 MB at 256."""
+LOBES_MAX = 512
+"""The normal equations of a fit grow with the square of the number of lobes: 84 MB at 512."""
 
 SEED_MAX = 2**63 - 1
 """The largest seed that every torch generator takes."""

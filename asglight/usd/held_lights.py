@@ -16,13 +16,13 @@ from typing import Self
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt
 
 from asglight.lobes import Lobes, asg, frames
 from asglight.usd import cards, distant, schema
 from asglight.usd.lights import Light
 from asglight.usd.schema import Representation
-from asglight.usd.stage import numbers
+from asglight.usd.stage import DamagedValueError, numbers
 
 EDITED = 1e-3
 """Relative. Programs write four digits or more, and nobody sees less; samples that were left out
@@ -305,6 +305,8 @@ def _placed(
             distance = authored.constants[schema.TRANSLATE][2]
             stretch[index] = np.linalg.norm([x, y], axis=-1) * distance / far
         frame = frames.orthonormal(torch.from_numpy(np.stack([x, y, z]))).numpy()
+        if not np.isfinite(frame).all():
+            raise DamagedValueError(f"{light.GetPath()} is turned by no rotation at frame {time}")
         turns.append(aimed[index].T @ frame)
     return np.stack(turns), stretch
 
@@ -319,12 +321,17 @@ def _aimed(own: Lobes, light: Light) -> Array:
     return aimed.numpy()
 
 
+def _ops_of(prim: Usd.Prim) -> list[str]:
+    value = prim.GetAttribute(schema.OP_ORDER).Get()
+    return list(value) if isinstance(value, Vt.TokenArray) else []
+
+
 def _is_as_authored(view: View, prim: Usd.Prim, light: Usd.Prim, authored: Light) -> bool:
     """Tell whether the transforms of a light and of its lobe are as `write_usd` authors them."""
     own = light == prim
     wanted = [*([schema.ORIENT] if own else []), *authored.ops]
     orders = [(light, wanted), (prim, wanted if own else [schema.ORIENT])]
-    if any(list(one.GetAttribute(schema.OP_ORDER).Get() or ()) != ops for one, ops in orders):
+    if any(_ops_of(one) != ops for one, ops in orders):
         return False
     for name in authored.ops:
         attribute = light.GetAttribute(name)

@@ -22,11 +22,14 @@ MEMORY_FACTOR = 64
 """Times the size of the file that reading it may take. asglight's own binary stages take three to
 ten times theirs."""
 
+MEMORY_FREE = 32 * 2**20
+"""Bytes that it may take besides: what USD loads with its first layer takes 18 MB."""
+
 
 def handle(request: dict[str, Any], channel: Channel) -> None:
     """Answer `{layer, bytes, folder}` with `LayerFacts`, or with why USD cannot read the layer."""
     os.chdir(request["folder"])
-    allow_memory(MEMORY_FACTOR * request["bytes"])
+    allow_memory(MEMORY_FREE + MEMORY_FACTOR * request["bytes"])
     with tempfile.TemporaryFile() as heard:
         # USD goes on after some kinds of damage, and says so on standard error only.
         before = os.dup(2)

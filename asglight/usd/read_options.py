@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a stage was written, so that a layer over it, or a stage in its place, can be the same."""
 
+import math
 from pathlib import Path
 
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from asglight.errors import InputError
 from asglight.usd import cards, distant, schema
@@ -50,7 +51,9 @@ def options_of(rig: Usd.Prim) -> StageOptions:
 def card_distance_of(rig: Usd.Prim) -> float:
     """Return how far the cards were from the origin when they were written, in stage units."""
     usual = DISTANCE_M / UsdGeom.GetStageMetersPerUnit(rig.GetStage())
-    return float(rig_data(rig).get(schema.DISTANCE, usual))
+    distance = rig_data(rig).get(schema.DISTANCE, usual)
+    is_number = isinstance(distance, int | float) and math.isfinite(distance) and distance > 0
+    return float(distance) if is_number else usual
 
 
 def card_kinds(rig: Usd.Prim) -> list[cards.Kind]:
@@ -134,8 +137,9 @@ def _images(rig: Usd.Prim, representation: Representation, name: str) -> list[st
     codes = [Usd.TimeCode.Default(), *map(Usd.TimeCode, attribute.GetTimeSamples())]
     assets = [attribute.Get(code) for code in codes]
     stage = Path(rig.GetStage().GetRootLayer().realPath)
-    found = [asset.resolvedPath for asset in assets if asset and asset.resolvedPath]
-    return [path for path in found if may_open(stage, path)]
+    # a damaged crate may hold a value of another type than it declares
+    found = [asset.resolvedPath for asset in assets if isinstance(asset, Sdf.AssetPath)]
+    return [path for path in found if path and may_open(stage, path)]
 
 
 def _dome_height(rig: Usd.Prim) -> int:

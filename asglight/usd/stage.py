@@ -54,7 +54,7 @@ def readable(path: str | Path) -> Iterator[None]:
         yield
     except Tf.ErrorException as error:
         raise _unreadable(path, reason(error)) from error
-    except (UnreadableError, OtherTypeError) as error:
+    except (UnreadableError, DamagedValueError) as error:
         raise _unreadable(path, str(error)) from error
     except UnicodeDecodeError as error:
         raise _unreadable(path, "a text in it is not UTF-8") from error
@@ -181,20 +181,20 @@ def image_file(resolved: str) -> Iterator[Path]:
         yield copy
 
 
-class OtherTypeError(Exception):
-    """A value has another type than its attribute declares, as a damaged crate may have it."""
+class DamagedValueError(Exception):
+    """A value is of another type than its attribute declares, or is no number a light can have."""
 
 
 def numbers(values: Iterable[object], kind: Sdf.ValueTypeName) -> NDArray[np.float64]:
     """Convert USD values to rows of numbers; quaternions as (w, x, y, z).  [F, K].
 
     Raises:
-        OtherTypeError: A value is not of that type; `readable` makes it one line.
+        DamagedValueError: A value is not of that type; `readable` makes it one line.
     """
     try:
         return _numbers(list(values), kind)
     except (TypeError, ValueError) as error:
-        raise OtherTypeError(f"a value is not of type {kind}") from error
+        raise DamagedValueError(f"a value is not of type {kind}") from error
 
 
 def _numbers(values: list[Any], kind: Sdf.ValueTypeName) -> NDArray[np.float64]:

@@ -113,7 +113,7 @@ def test_a_file_that_takes_too_much_memory_is_refused(tmp_path: Path) -> None:
     process.tell({})
     reply = process.reply()
     process.close()
-    # 3 GB are beyond what a file that declares nothing may take; 100 MB are not
+    # 3 GB are beyond the 256 MB that it allows itself; 100 MB are not
     assert reply == {"got": [True, False]}
 
 

@@ -19,10 +19,10 @@ from asglight.shots.settings import check_fps, check_options, check_output, sett
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"lobes": 0}, "lobes: 0; expected 1 to 256"),
-        ({"lobes": 257}, "lobes: 257; expected 1 to 256"),
-        ({"tolerance": 0.02, "max_lobes": 0}, "max lobes: 0; expected 1 to 256"),
-        ({"tolerance": 0.02, "max_lobes": 257}, "max lobes: 257; expected 1 to 256"),
+        ({"lobes": 0}, "lobes: 0; expected 1 to 512"),
+        ({"lobes": 513}, "lobes: 513; expected 1 to 512"),
+        ({"tolerance": 0.02, "max_lobes": 0}, "max lobes: 0; expected 1 to 512"),
+        ({"tolerance": 0.02, "max_lobes": 513}, "max lobes: 513; expected 1 to 512"),
         ({"max_lobes": 20}, "max lobes: 20 without a tolerance; expected both or neither"),
         ({"tolerance": 0.0}, "tolerance: 0; expected a relative error above 0 and below 1"),
         ({"tolerance": 1.0}, "tolerance: 1; expected a relative error above 0 and below 1"),

@@ -4,7 +4,7 @@
 import os
 from typing import Any
 
-from asglight.images.apart_child import Channel
+from asglight.images.apart_child import Channel, allow_memory
 
 
 def handle(request: dict[str, Any], channel: Channel) -> None:
@@ -14,6 +14,7 @@ def handle(request: dict[str, Any], channel: Channel) -> None:
             os.write(descriptor, request["print"].encode())
         channel.tell({"printed": True})
         return
+    allow_memory(256 * 2**20)
     channel.tell({"got": [_can_have(100 * 2**20), _can_have(3 * 2**30)]})
 
 
