@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 
-.PHONY: help setup setup-dcc demo pictures bench bench-fit figures stress test test-fast test-usd test-dcc test-dcc-short \
+.PHONY: help setup setup-dcc demo pictures bench bench-fit figures stress soak test test-fast test-usd test-dcc test-dcc-short \
   test-ball-truth dcc-picture lint format clean
 
 help:            ## list the targets
@@ -55,6 +55,9 @@ test: setup      ## all tests, a file of them on each core at a time
 test-fast: setup ## the tests of less than ten seconds each
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'
 
+soak: setup      ## 100,000 damaged files, 110 faults, 10,000 frames: within half an hour (soak-output/)
+	OMP_NUM_THREADS=1 $(BIN)/python -m soak.measure -o soak-output
+
 test-usd: setup  ## stages in other versions of USD and under NVIDIA's validator (.usd-versions/)
 	.ci/usd-versions
 
@@ -86,4 +89,4 @@ format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) .venv-dcc demo-output dcc-output pictures bench-output bench-fit figures-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-dcc demo-output dcc-output pictures bench-output bench-fit figures-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis soak-output

@@ -341,7 +341,7 @@ def as_table(told: list[Told]) -> str:
 
 def main() -> None:
     """Do every fault, and print the counts."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Do faults to a fit at random moments.")
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--others", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)

@@ -45,7 +45,7 @@ MEAN = 2.0
 """Of the large image."""
 
 MANY = 512
-MANY_ROWS = 64
+MANY_ROWS = 32
 """Rows of the map that many lobes are fitted to."""
 
 
@@ -211,7 +211,7 @@ def as_table(rows: list[Measured]) -> str:
 
 def main() -> None:
     """Make every measurement, and print them."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Measure long shots, large images, many lobes.")
     lengths = ",".join(map(str, LONG))
     parser.add_argument("--lengths", default=lengths, help="frames of the shots")
     parser.add_argument("-o", "--output", type=Path, default=Path("soak-output"))

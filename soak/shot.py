@@ -112,6 +112,8 @@ def _run(words: list[str], log: Path) -> None:
         kept = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(nowhere, 1)
         os.dup2(kept, 2)
+        # whoever started this may have put something else in their place
+        sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
         status = main(words)
         sys.stderr.flush()
     finally:

@@ -265,3 +265,12 @@ def test_the_tracks_stay_as_they_are(tmp_path: Path) -> None:
     before = replace(tracks, lobes=tracks.lobes.clone())
     write_sg_array(tmp_path / "a.npy", tracks, SgLayout.NERD)
     assert torch.equal(tracks.lobes.axes, before.lobes.axes)
+
+
+def test_a_shape_that_no_number_can_count_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, np.zeros((3, 7), np.float32))
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"(3, 7), }" + b" " * 20, b"(99999999999999999999, 7), }"[:29]))
+    with pytest.raises(InputError, match=r"a\.npy: is no whole \.npy array"):
+        read_sg_array(path, SgLayout.PHYSG)

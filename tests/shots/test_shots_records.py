@@ -5,6 +5,7 @@ import math
 import struct
 import zlib
 
+import numpy as np
 import pytest
 import shot_files
 import torch
@@ -93,3 +94,26 @@ def test_a_line_cut_off_anywhere_is_no_record() -> None:
 def test_a_record_that_is_no_object_is_refused() -> None:
     body = b"[1,2]"
     assert parse_line(b'{"record":%s,"crc32":"%08x"}\n' % (body, zlib.crc32(body))) is None
+
+
+@pytest.mark.parametrize("body", [b"no json", b'{"a":', b"[" * 100_000, b'"\xff"', b"[1]", b"3"])
+def test_a_line_whose_checksum_fits_and_whose_content_does_not_is_damaged(body: bytes) -> None:
+    assert parse_line(b'{"record":%s,"crc32":"%08x"}\n' % (body, zlib.crc32(body))) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("frame", value) for value in (1.0, "1", None, True, 2**63)),
+        *(("loss", value) for value in ("0", None, [], False)),
+        *(("stamp", value) for value in ([1], [1, 2, 3], [1, 2.5], 7)),
+        *(("repair", value) for value in ({}, 3, None)),
+        *(("lobes", value) for value in ("", "AAAA", 3, "not base64!")),
+        ("lobes", base64.b64encode(np.full(14, np.nan, "<f4").tobytes()).decode()),
+        ("repeats", "1"),
+    ],
+)
+def test_a_value_that_no_frame_has_is_a_fault_of_the_line(name: str, value: object) -> None:
+    values = to_json(shot_files.record(1)) | {name: value}
+    with pytest.raises((KeyError, TypeError, ValueError)):
+        from_json(values, Form.ASG)

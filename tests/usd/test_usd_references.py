@@ -8,12 +8,12 @@ import signal
 from pathlib import Path
 
 import pytest
-from pxr import Sdf, Usd
+from pxr import Gf, Sdf, Usd, UsdGeom
 from usd_tracks import moving
 
 from asglight.cli.main import main
 from asglight.errors import InputError
-from asglight.usd import lint_stage, read_usd, references, trust, write_usd
+from asglight.usd import lint_stage, read_usd, references, schema, trust, write_usd
 from asglight.usd.options import DOME_HEIGHT
 from asglight.usd.read_options import read_options
 from asglight.usd.stage import open_stage
@@ -194,6 +194,35 @@ def test_a_light_that_is_not_finite_is_refused(tmp_path: Path) -> None:
     stage.Save()
     with pytest.raises(InputError, match=r"the light of lobe_00 is not finite at frame 1; exp"):
         read_usd(path)
+
+
+def edited_stage(path: Path, light_edit: object) -> Path:
+    write_usd(moving([1, 2]), path, representation="distant", dome_height=2)
+    stage = Usd.Stage.Open(str(path))
+    light_edit(stage.GetPrimAtPath("/AsgRig"), stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00"))
+    stage.Save()
+    return path
+
+
+def test_a_light_that_is_turned_by_no_rotation_is_refused(tmp_path: Path) -> None:
+    def edit(rig: Usd.Prim, lobe: Usd.Prim) -> None:
+        UsdGeom.Xformable(lobe).AddTransformOp(opSuffix="odd").Set(Gf.Matrix4d(math.nan))
+
+    path = edited_stage(tmp_path / "a.usda", edit)
+    with pytest.raises(InputError, match=r"lobe_00\S* is turned by no rotation at frame 1"):
+        read_usd(path)
+
+
+@pytest.mark.parametrize("distance", ["far", -3.0, math.inf])
+def test_a_distance_of_cards_that_is_none_counts_as_the_usual(
+    tmp_path: Path, distance: object
+) -> None:
+    def edit(rig: Usd.Prim, lobe: Usd.Prim) -> None:
+        rig.SetCustomDataByKey(f"{schema.CUSTOM_DATA}:{schema.DISTANCE}", distance)
+
+    path = edited_stage(tmp_path / "a.usda", edit)
+    assert read_options(path).distance == 1000.0
+    assert read_usd(path).lobes.count == 3
 
 
 def test_text_that_is_not_utf_8_is_one_line(tmp_path: Path, library: Path) -> None:

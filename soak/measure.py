@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fuzz, faults and scale one after the other, bounded, as one page and one JSON file.
+
+python -m soak.measure -o soak-output
+python -m soak.measure --short -o soak-output       # a hundredth of it, in a minute
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from soak import faults, fuzz, scale
+from soak.batch import Outcome
+
+FILES = 100_000
+KILLS = 50
+OTHERS = 10
+MINUTES = 15.0
+"""Of fuzzing at most; faults and scale take as long as they take, about ten minutes."""
+
+SHARES = {"files": 0.01, "kills": 0.08, "others": 0.1}
+"""Of each that the short form does."""
+
+GOOD = (Outcome.READ, Outcome.REFUSED, Outcome.CONTAINED)
+"""What may become of a damaged file."""
+
+
+def measure(output: Path, *, short: bool, seed: int) -> dict[str, Any]:
+    """Do everything, and return what was found as JSON values, with the page under `page`."""
+    output.mkdir(parents=True, exist_ok=True)
+    share = SHARES if short else dict.fromkeys(SHARES, 1.0)
+    begin = time.monotonic()
+    found = fuzz.fuzz_all(int(FILES * share["files"]), seed, output, MINUTES, jobs=2)
+    told = faults.faults(
+        output / "faults", int(KILLS * share["kills"]), int(OTHERS * share["others"]), seed
+    )
+    rows = [] if short else scale.scale(output / "scale")
+    wrong = [
+        f"{one.reader}: {count} x {name}"
+        for one in found
+        for name, count in one.outcomes.items()
+        if count and name not in GOOD
+    ]
+    wrong += [line for one in told for line in one.wrong]
+    tables: list[tuple[str, Callable[[], str]]] = [
+        ("Damaged files", lambda: fuzz.as_table(found)),
+        ("Faults", lambda: faults.as_table(told)),
+    ]
+    if rows:
+        tables.append(("Scale", lambda: scale.as_table(rows)))
+    page = "\n\n".join(f"## {title}\n\n{table()}" for title, table in tables)
+    return {
+        "page": f"# Soak, seed {seed}, {time.monotonic() - begin:.0f} s\n\n{page}\n",
+        "fuzz": [vars(one) for one in found],
+        "faults": [vars(one) for one in told],
+        "scale": [vars(row) for row in rows],
+        "wrong": wrong,
+    }
+
+
+def main() -> int:
+    """Do everything, write it, and tell by the exit status whether something is wrong."""
+    parser = argparse.ArgumentParser(description="Fuzz, faults and scale, bounded.")
+    parser.add_argument("--short", action="store_true", help="a little of each, without scale")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("-o", "--output", type=Path, default=Path("soak-output"))
+    arguments = parser.parse_args()
+    document = measure(arguments.output, short=arguments.short, seed=arguments.seed)
+    (arguments.output / "soak.md").write_text(document.pop("page"))
+    (arguments.output / "soak.json").write_text(json.dumps(document, indent=1))
+    print((arguments.output / "soak.md").read_text())
+    for line in document["wrong"]:
+        print(f"wrong: {line}", file=sys.stderr)
+    return 1 if document["wrong"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
