@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_input_options(parser)
     part = "the shot's first frame, if --frames is a part of it: parts then have the same lobes"
     add("--preroll", type=int, metavar="FRAME", help=part)
-    missing = "what stands in for a missing frame (default: %(default)s, which stops)"
+    missing = "what stands in for a missing or damaged frame (default: %(default)s, which stops)"
     add("--missing", choices=get_args(Missing), default="error", help=missing)
     rate = "frames per second of the stage, such as 24 or 24000/1001 (default: 24)"
     add("--fps", type=frame_rate, default=24.0, help=rate)

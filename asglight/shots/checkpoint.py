@@ -26,7 +26,7 @@ from asglight.lobes import Form
 from asglight.shots.records import FrameRecord, from_json, line_from, parse_line, to_json
 
 FORMAT = "asglight checkpoint"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 SUFFIX = ".checkpoint"
 
 _FIRST_BYTES = b'{"record":{"format":"asglight checkpoint"'

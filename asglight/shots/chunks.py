@@ -62,7 +62,7 @@ class Shot:
         options: Settings of the fit, without a preroll.
         frames: Frames to use; None for all.
         fps: Frames per second.
-        missing: What stands in for a missing frame.
+        missing: What stands in for a missing or damaged frame.
         layer: Layer or part of OpenEXR files.
         input_colorspace: Linear space of the images, whatever they state; None for what they do.
         stage: How the stage is written.

@@ -82,7 +82,7 @@ def fit_shot(
         options: Settings of the fit.
         frames: Frames to use, such as `1001-1048`; None for all.
         fps: Frames per second.
-        missing: `error`, or what stands in for a missing frame: `hold` or `interpolate`.
+        missing: `error`, or what stands in for a missing or damaged frame: `hold` or `interpolate`.
         layer: Layer or part of OpenEXR files; None for the plain image.
         input_colorspace: Linear space of the images, whatever they state; None for what they do.
         stage: How the stage is written.
@@ -156,7 +156,7 @@ def fit_sequence(
         device: Where torch computes: `cpu`, `cuda`, `cuda:1`.
         frames: Frames to use, such as `1001-1048`; None for all.
         fps: Frames per second.
-        missing: `error`, or what stands in for a missing frame: `hold` or `interpolate`.
+        missing: `error`, or what stands in for a missing or damaged frame: `hold` or `interpolate`.
         layer: Layer or part of OpenEXR files; None for the plain image.
         input_colorspace: Linear space of the images, whatever they state; None for what they do.
         tolerance: In place of `lobes`: the fewest with which irr and r0.5 of every frame stay at or

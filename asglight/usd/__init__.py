@@ -1,17 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lobe tracks as time-sampled USD lights: write, read, check.
 
-The names load pxr when they are first used, so that options can be checked without it.
+The names load what they need when they are first used: options can be checked without pxr, and the
+process that tries out layers needs no torch.
 """
 
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from asglight.usd.options import STAGE_SUFFIXES, Representation, StageOptions, check_stage_options
-
 if TYPE_CHECKING:
     from asglight.usd.edit_layer import write_edit_layer
     from asglight.usd.lint import lint_stage
+    from asglight.usd.options import (
+        STAGE_SUFFIXES,
+        Representation,
+        StageOptions,
+        check_stage_options,
+    )
     from asglight.usd.read import Reading, read_stage, read_usd
     from asglight.usd.schema import SCHEMA_FOLDER
     from asglight.usd.staging import WriteReport
@@ -33,6 +38,10 @@ __all__ = [
 ]
 
 _HOME = {
+    "Representation": "options",
+    "STAGE_SUFFIXES": "options",
+    "StageOptions": "options",
+    "check_stage_options": "options",
     "SCHEMA_FOLDER": "schema",
     "WriteReport": "staging",
     "lint_stage": "lint",

@@ -260,3 +260,12 @@ def test_sequences_are_read_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     )
     damaged_sequence(tmp_path, {}).read(2)
     assert {path.name for path in asked} == {"a.1.exr", "a.2.exr"}
+
+
+@pytest.mark.parametrize(
+    "module", ["asglight.images.decoding_process", "asglight.usd.probing_process"]
+)
+def test_a_process_apart_loads_no_torch(module: str) -> None:
+    code = f"import {module}, sys; print('torch' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (result.stdout, result.stderr) == ("False\n", "")
