@@ -25,6 +25,7 @@ from asglight.fitting.options import FitOptions, Preset
 from asglight.images import read_latlong
 from asglight.images.decoders import APART
 from asglight.judging.memory import Peak, peak_memory
+from asglight.shots.events import FrameDone
 from asglight.shots.job import fit_shot
 from asglight.usd import read_usd
 from asglight.usd.options import StageOptions
@@ -74,12 +75,13 @@ def long_shot(folder: Path, count: int) -> dict[str, Any]:
         os.link(images / f"sky.{image:04d}.exr", source / f"sky.{frame:05d}.exr")
     stage = folder / "shot.usdc"
     options = FitOptions(lobes=1, preset=Preset.LIVE)
-    largest = {"checkpoint": 0}
+    checkpoint = stage.with_name("shot.usdc.checkpoint")
+    begin, seen = _kilobytes("self", "VmRSS"), {"fitting": 0, "bytes": 0}
 
-    def watch(_: object) -> None:
-        checkpoint = stage.with_name("shot.usdc.checkpoint")
-        if checkpoint.exists():
-            largest["checkpoint"] = checkpoint.stat().st_size
+    def watch(event: object) -> None:
+        if isinstance(event, FrameDone):
+            seen["fitting"] = max(seen["fitting"], _kilobytes("self", "VmRSS") - begin)
+            seen["bytes"] = checkpoint.stat().st_size
 
     with peak_memory() as peak:
         result = fit_shot(
@@ -89,8 +91,9 @@ def long_shot(folder: Path, count: int) -> dict[str, Any]:
     return {
         "frames": count,
         "of them fitted": sum(record.repeats is None for record in result.records),
-        "grown MB": _megabytes(peak),
-        "checkpoint bytes a frame": largest["checkpoint"] // count,
+        "grown while fitting MB": seen["fitting"] // 1024,
+        "grown with the stage MB": _megabytes(peak),
+        "checkpoint bytes a frame": seen["bytes"] // count,
         "reader peak MB": _reader_megabytes(),
     }
 
@@ -155,9 +158,12 @@ def _megabytes(peak: Peak) -> float | None:
 def _reader_megabytes() -> int:
     """Return the largest size of the process that decodes."""
     (process,) = APART._idle
-    lines = Path(f"/proc/{process._process.pid}/status").read_text().splitlines()
-    peak = next(line for line in lines if line.startswith("VmHWM:"))
-    return int(peak.split()[1]) // 1024
+    return _kilobytes(process._process.pid, "VmHWM") // 1024
+
+
+def _kilobytes(process: object, name: str) -> int:
+    lines = Path(f"/proc/{process}/status").read_text().splitlines()
+    return int(next(line for line in lines if line.startswith(f"{name}:")).split()[1])
 
 
 def measured(what: str, folder: Path, measure: Callable[[Path], dict[str, Any]]) -> Measured:
