@@ -20,7 +20,7 @@ FILES = 100_000
 KILLS = 50
 OTHERS = 10
 MINUTES = 15.0
-"""Of fuzzing at most; faults and scale take as long as they take, about ten minutes."""
+"""Of fuzzing at most; on two idle cores faults take three minutes and scale ten."""
 
 SHARES = {"files": 0.01, "kills": 0.08, "others": 0.1}
 """Of each that the short form does."""

@@ -267,3 +267,20 @@ def test_fit_sequence_refuses_what_it_cannot_use(
 ) -> None:
     with pytest.raises(InputError, match=message):
         fit_sequence(source, **options)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_damaged_frame_is_filled_or_named_and_mended(tmp_path: Path) -> None:
+    source = sky_files.write_sequence(tmp_path / "in")
+    path = source / "sky.1003.exr"
+    whole, stamp = path.read_bytes(), path.stat().st_mtime_ns
+    path.write_bytes(whole[:300])
+    held = fit_shot(source, tmp_path / "held.usda", shot_files.OPTIONS, missing="hold")
+    assert held.records[2].repair.filled_from == (1002,)
+    assert held.records[2].repair.fault.startswith("cannot be decoded (")
+    assert held.tracks.metadata["repairs"]["frames_filled"] == [1003]
+    output = tmp_path / "shot.usda"
+    with pytest.raises(InputError, match=r"sky\.1003\.exr: cannot be decoded"):
+        fit_shot(source, output, shot_files.OPTIONS)
+    path.write_bytes(whole)
+    os.utime(path, ns=(stamp, stamp))
+    assert fit_shot(source, output, shot_files.OPTIONS, resume=True).resumed == 2
