@@ -133,14 +133,6 @@ def split(radiance: Tensor, rows: int) -> Tensor:
     return reduce(radiance, factor * height, factor * width)
 
 
-def _block_means(radiance: Tensor, height: int, width: int) -> Tensor:
-    """Average whole texels, weighted by the area of their rows: `reduce` at a tenth of the cost."""
-    high, wide = radiance.shape[0] // height, radiance.shape[1] // width
-    edges = torch.linspace(0, math.pi, radiance.shape[0] + 1, dtype=torch.float64)
-    areas = -torch.diff(torch.cos(edges))
-    areas = areas.reshape(height, high)
-    shares = (areas / (wide * areas.sum(1, keepdim=True))).to(radiance)
-    blocks = radiance.reshape(height, high, width, wide, -1)
 def reduce_strips(
     strips: Iterable[Tensor], size: tuple[int, int], height: int, width: int
 ) -> Tensor:

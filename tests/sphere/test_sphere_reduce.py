@@ -131,6 +131,8 @@ def test_split_repeats_texels_until_there_are_rows_enough(rows: int, factor: int
     radiance = _random_map(4, 8)
     expected = radiance.repeat_interleave(factor, 0).repeat_interleave(factor, 1)
     torch.testing.assert_close(latlong.split(radiance, rows), expected, rtol=1e-14, atol=0)
+
+
 @given(sizes, sizes, st.integers(1, 9))
 @settings(deadline=None)
 def test_strips_are_reduced_as_the_whole(
