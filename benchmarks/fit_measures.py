@@ -16,7 +16,7 @@ from torch import Tensor
 
 from asglight.cli.progress import Reporter
 from asglight.errors import InputError
-from asglight.fitting import first_frame, paper
+from asglight.fitting import first_frame, paper, paper_losses
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
 from asglight.fitting.sequence import fit_frame, one_thread
 from asglight.images import read_latlong
@@ -111,7 +111,7 @@ def missed(ratios: Point, errors: Point, limits: Point) -> list[str]:
 def curves(path: Path, lobes: int, paper_steps: int, report: Reporter) -> dict[str, Any]:
     """Return error against time on a map, and when each preset comes down to the paper's errors."""
     reference = read_map(path)
-    frame = paper.target(reference)
+    frame = paper_losses.target(reference)
     found: dict[str, list[Point]] = {}
     for preset in STILL_PRESETS:
         stages = preset_curve(reference, preset, lobes)
@@ -177,8 +177,9 @@ def preset_curve(reference: Tensor, preset: Preset, lobes: int) -> list[tuple[Po
     return [*stages, (clock.seconds(), fit.lobes)]
 
 
-def _judged(lobes: Lobes, reference: Tensor, frame: paper.Target) -> Point:
-    return {"loss": float(paper.frame_loss(lobes, frame))} | frame_errors(lobes, reference).values
+def _judged(lobes: Lobes, reference: Tensor, frame: paper_losses.Target) -> Point:
+    loss = float(paper_losses.frame_loss(lobes, frame))
+    return {"loss": loss} | frame_errors(lobes, reference).values
 
 
 def races(points: Sequence[Point], curve: Sequence[Point]) -> dict[str, dict[str, float | None]]:

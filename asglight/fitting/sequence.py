@@ -9,7 +9,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import first_frame, following, paper
+from asglight.fitting import first_frame, following, paper, paper_losses
 from asglight.fitting.first_frame import FrameFit, fit_first_frame, mean_radiance
 from asglight.fitting.following import fit_next_frame
 from asglight.fitting.options import FitOptions, Preset
@@ -81,7 +81,7 @@ def _paper_frame(
     steps = options.paper_steps[0 if previous is None else 1]
     report = None if on_step is None else (lambda step, loss: on_step(step, steps, loss))
     lobes = paper.fit_frame(reference, start, steps=steps, previous=previous, on_step=report)
-    loss = float(paper.frame_loss(lobes, paper.target(reference)))
+    loss = float(paper_losses.frame_loss(lobes, paper_losses.target(reference)))
     wanted = mean_radiance(reference)
     found = float(asg.flux(lobes).sum()) / (12 * math.pi)
     return FrameFit(lobes, loss, found / wanted - 1 if wanted > 0 else 0.0)
