@@ -6,19 +6,18 @@ from typing import Any
 from asglight.cli.printing import counted
 from asglight.lobes import LobeTracks
 
-FRAMES = 5
-"""Frames looked at, spread over the shot: lobes that come to lie together mostly stay so."""
-
 
 def condition_of(tracks: LobeTracks) -> list[dict[str, Any]]:
     """Return the sets of lobes that trade, as JSON values, the largest first.
 
-    A set that is met in several frames is told once, with the frame in which it is worst.
+    A few frames are looked at, spread over the shot: lobes that come to lie together mostly stay
+    so. A set that is met in several is told once, with the frame in which it is worst.
     """
     from asglight.fitting.condition import groups, trades
+    from asglight.shots.tolerance import spread_frames
 
     found: dict[tuple[int, ...], dict[str, Any]] = {}
-    for frame in _spread(tracks.frames):
+    for frame in spread_frames(tracks.frames):
         pairs = trades(tracks.at(frame))
         for group in groups(pairs):
             worst = max(pair.amplification for pair in pairs if pair.lobes[0] in group)
@@ -38,9 +37,3 @@ def condition_lines(found: list[dict[str, Any]]) -> list[str]:
         f"ill-conditioned: {counted(len(found), 'set')} of lobes whose light only together is "
         f"certain: {sets}"
     ]
-
-
-def _spread(frames: tuple[int, ...]) -> list[int]:
-    """Return at most `FRAMES` frames, from the first to the last."""
-    count = min(FRAMES, len(frames))
-    return [frames[round(k * (len(frames) - 1) / max(count - 1, 1))] for k in range(count)]

@@ -170,15 +170,12 @@ def _without(
     shown = lobe_images.images(outcome.lobes, frame.places)
     lit = light.relight(shown, replace(frame, corners=LIGHT), passes=1).lobes[0]
 
-    def merged(whole: Tensor, part: Tensor, one: Tensor) -> Tensor:
-        return whole.index_copy(0, rest, part).index_copy(0, torch.tensor([going.index]), one)
-
-    return replace(
-        lobes,
-        axes=merged(lobes.axes, lit.axes, going.lobe.axes),
-        sharpness=merged(lobes.sharpness, lit.sharpness, going.lobe.sharpness),
-        amplitude=merged(lobes.amplitude, lit.amplitude, going.lobe.amplitude),
-    )
+    found = lobes.clone()
+    for index, part in ((rest, lit), (torch.tensor([going.index]), going.lobe)):
+        found.axes[index] = part.axes
+        found.sharpness[index] = part.sharpness
+        found.amplitude[index] = part.amplitude
+    return found
 
 
 def _coarse(frame: Exposed, corners: Corners) -> objective.Target:

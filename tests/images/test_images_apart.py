@@ -150,7 +150,10 @@ def test_the_process_ends_when_its_owner_is_killed(tmp_path: Path) -> None:
         "print(APART._idle[0]._process.pid, flush=True)\nos.kill(os.getpid(), signal.SIGKILL)"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    wait_until(lambda: not is_running(int(result.stdout)))
+    assert result.returncode == -signal.SIGKILL
+    pid = int(result.stdout)
+    wait_until(lambda: not is_running(pid))
+    assert not is_running(pid)
 
 
 def test_a_user_script_needs_no_main_guard(tmp_path: Path) -> None:
