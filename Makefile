@@ -73,8 +73,8 @@ test-dcc-short: setup setup-dcc  ## the same on one frame of the built-in sky, B
 	$(BIN)/python -m dcc.measure --short --size 12 --samples 1536 -o dcc-output/short
 
 test-ball-truth: setup setup-dcc  ## what judges balls, and draws them, against Mitsuba: two tables
-	$(BIN)/python -m dcc.ball_truth -o dcc-output/truth
-	$(BIN)/python -m dcc.drawn_truth -o dcc-output/drawn
+	$(BIN)/python -m dcc.ball_truth
+	$(BIN)/python -m dcc.drawn_truth
 
 dcc-picture: setup setup-dcc  ## what Blender shows, as the README has it; after test-dcc
 	$(BIN)/python -m dcc.picture --measured dcc-output -o docs/images/dcc.png

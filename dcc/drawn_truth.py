@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the balls that pictures and comparisons are judged by agree with Mitsuba 3.
 
-    python -m dcc.drawn_truth -o dcc-output/drawn
+    python -m dcc.drawn_truth
 
 `asglight/shading/balls.py` draws balls from texels; a pixel is the mean over its area, and so it is
 in Mitsuba here. The light is that of `dcc.ball_truth`, one lobe a channel: Mitsuba reads it from an
@@ -10,25 +10,22 @@ included, from both sides, and with the same Smith term, Mitsuba's. Rough balls 
 blocks of pixels, over which they hardly change and Mitsuba's noise does.
 """
 
-import argparse
-import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
 import numpy as np
 import torch
 
-from asglight.errors import InputError
 from asglight.lobes import Lobes, texels
 from asglight.shading import ggx
 from asglight.shading.balls import ROUGHNESS, render_balls
-from dcc import ball_truth, renderers, rows, scene
-from dcc.ball_truth import SHARPNESS
+from dcc import renderers, rows, scene, truth
 from dcc.quadrature import separable_visibility
+from dcc.truth import SHARPNESS, mitsuba_balls, three_lobes
 
 MAP_ROWS = 512
 """Of the map that is drawn from: the finest grid of `render_balls`."""
@@ -72,35 +69,14 @@ class Drawn:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Render, draw, print a table; 0 where all agree."""
-    parser = argparse.ArgumentParser(prog="dcc.drawn_truth", description=__doc__)
-    add = parser.add_argument
-    add("--size", type=int, default=64, metavar="S", help="pixels across a ball (64)")
-    add("--samples", type=int, default=1024, metavar="N", help="of a pixel and seed (1024)")
-    add("--python", type=Path, default=renderers.PYTHON, help="an interpreter that has Mitsuba")
-    add("-o", "--output", type=Path, default=Path("dcc-output/drawn"), metavar="DIR")
-    options = parser.parse_args(argv)
-    options.output.mkdir(parents=True, exist_ok=True)
-    try:
-        found = list(agreements(options.output, options.size, options.samples, options.python))
-    except InputError as error:
-        print(f"dcc: {error}", file=sys.stderr)
-        return 2
-    listed = [asdict(drawn) for drawn in found]
-    (options.output / "drawn_truth.json").write_text(json.dumps(listed, indent=1) + "\n")
-    print(table(found))
-    return 0 if all(drawn.agrees for drawn in found) else 1
+    usual = truth.Asked(Path("dcc-output/drawn_truth"), 64, 1024, renderers.PYTHON)
+    return truth.command(argv, __doc__, usual, agreements, table)
 
 
-def agreements(folder: Path, size: int, samples: int, python: Path) -> Iterator[Drawn]:
+def agreements(asked: truth.Asked) -> Iterator[Drawn]:
     """Render balls in Mitsuba and hold the drawn ones against them."""
-    lobes = ball_truth.three_lobes()
-    image, out = folder / "lobes.exr", folder / "lobes.npz"
-    ball_truth.write_image(image, lobes)
-    job = {"image": str(image.resolve()), "out": str(out.resolve()), "size": size}
-    what = {"materials": list(ROUGHNESS), "pixels": "means"}
-    jobs = [{**job, **what, "samples": samples, "seeds": SEEDS}]
-    renderers.run("dcc.mitsuba_render", jobs, folder, python)
-    rendered = np.load(out)["balls"].astype(float)  # [seed, view, R, S, S, 3]
+    lobes, size = three_lobes(), asked.size
+    rendered = mitsuba_balls(asked, ROUGHNESS, "means", SEEDS)  # [seed, view, R, S, S, 3]
     ours = drawn(lobes, size)
     with mock.patch.object(ggx, "visibility", separable_visibility):
         as_mitsuba = drawn(lobes, size)

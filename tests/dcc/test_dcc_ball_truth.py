@@ -9,12 +9,13 @@ import torch
 
 from asglight.lobes import Form, Lobes
 from asglight.sphere import latlong
-from dcc import ball_truth, scene
-from dcc.ball_truth import IMAGE_ROWS, Agreement
+from dcc import ball_truth, scene, truth
+from dcc.ball_truth import Agreement
+from dcc.truth import IMAGE_ROWS
 
 
 def test_texels_lie_as_mitsuba_reads_them() -> None:
-    found = ball_truth.mitsuba_directions().view(IMAGE_ROWS, 2 * IMAGE_ROWS, 3)
+    found = truth.mitsuba_directions().view(IMAGE_ROWS, 2 * IMAGE_ROWS, 3)
     up = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
     torch.testing.assert_close(found[0], up.expand_as(found[0]), rtol=0, atol=1e-12)
     torch.testing.assert_close(found[-1], -up.expand_as(found[0]), rtol=0, atol=1e-12)
