@@ -18,8 +18,9 @@ LAMBERT = "lambert"
 EVEN = "even"
 """The kernel 1 / (4 pi): what it shows is the mean radiance, the same in every direction."""
 
-BLOCK_DIRECTIONS = 32
-"""Directions filtered in one piece: 32 x 131,072 float32 texels are 17 MB."""
+BLOCK = 2**17
+"""Weights taken at once, half a megabyte: what is made of them stays in a processor's cache. With
+4 million at once filtering takes 2.3 times as long."""
 
 
 def lambert(cosine: Tensor) -> Tensor:
@@ -61,12 +62,16 @@ def filtered(
     solid_angle = solid_angle.reshape(-1)
     flat = maps.reshape(count, height * width, 3).permute(1, 0, 2).reshape(height * width, -1)
     divide = kernel != LAMBERT if normalised is None else normalised
-    pieces: list[Tensor] = []
-    for block in directions.split(BLOCK_DIRECTIONS):
-        weight = kernel_values(kernel, block @ texels.mT) * solid_angle
-        total = weight @ flat
-        pieces.append(total / weight.sum(-1, keepdim=True) if divide else total)
-    return torch.cat(pieces).reshape(-1, count, 3).permute(1, 0, 2)
+    found = maps.new_zeros(len(directions), 3 * count, dtype=torch.float64)
+    share = found.new_zeros(len(directions), 1)
+    size = max(1, BLOCK // len(directions))
+    parts = (part.split(size) for part in (texels, solid_angle, flat))
+    for around, solid, radiance in zip(*parts, strict=True):
+        weight = kernel_values(kernel, directions @ around.mT) * solid
+        found += weight @ radiance
+        share += weight.sum(-1, keepdim=True)
+    mean = found / share if divide else found
+    return mean.to(maps.dtype).reshape(-1, count, 3).permute(1, 0, 2)
 
 
 def kernel_values(kernel: str | float, cosine: Tensor) -> Tensor:
