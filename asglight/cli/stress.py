@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "groups or cases: stiff, radiance, shape, time, broken, recovery, time/cut (default: all)"
     )
     parser.add_argument("--only", nargs="+", default=(), metavar="NAME", help=only)
-    folder = "folder for the table as Markdown and JSON: stress.md, stress.json"
+    folder = "folder for the table as Markdown, and every number: stress.md, stress.json"
     parser.add_argument("-o", "--output", metavar="DIR", help=folder)
     add_json_option(parser)
 

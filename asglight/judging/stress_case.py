@@ -43,7 +43,6 @@ FLUX = Bound(5e-3)
 IRRADIANCE = Bound(5e-3)
 """irr (metrics.py) of any frame: half a percent on a white ball, which no eye tells from none."""
 
-
 GRADIENT = Bound(1e-2)
 """Of the gradient's length (stress_gradient.py). A texel's shape is held in the derivative while a
 lobe moves over it (lobe_images.py); the rest is float32."""
@@ -105,8 +104,8 @@ class Case:
 
 
 def of_lobes(
-    name: str,
     group: Group,
+    name: str,
     holds: str,
     known: Callable[[], list[Lobes]],
     *,
@@ -117,7 +116,20 @@ def of_lobes(
     gradient: Bound = GRADIENT,
     recovery: Recovery | None = None,
 ) -> Case:
-    """Return a case whose frames are rendered from known lobes."""
+    """Return a case whose frames are rendered from known lobes.
+
+    Args:
+        group: What is extreme.
+        name: Unique, words with hyphens.
+        holds: The input, in a few words.
+        known: Makes the lobes.  One [N, .] a frame
+        rows: Of the maps, which are twice as wide.
+        lobes: Number of lobes fitted.
+        form: Lobe function that is fitted, as the known ones have it.
+        irradiance: Bound of irr.
+        gradient: Bound of the gradient's error.
+        recovery: How near the known lobes are found again, if that can be asked.
+    """
 
     def frames() -> list[Tensor]:
         return [render(each, rows) for each in known()]

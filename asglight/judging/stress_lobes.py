@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stress cases made of known lobes: stiff ones, and ones that a fit has to find again."""
 
+import functools
 from collections.abc import Callable
 
 from asglight.judging.stress_case import (
@@ -10,7 +11,6 @@ from asglight.judging.stress_case import (
     Bound,
     Case,
     Group,
-    Recovery,
     of_lobes,
 )
 from asglight.judging.stress_maps import SUN, lamps, lobe, together, toward
@@ -38,18 +38,6 @@ def _one(sharpness: Sharpness, form: Form = Form.ASG) -> Callable[[], list[Lobes
     return lambda: [lobe(SUN, sharpness, brightness, form=form, turn_deg=30.0)]
 
 
-def _still(
-    name: str,
-    holds: str,
-    known: Callable[[], Lobes],
-    lobes: int = 1,
-    gradient: Bound = GRADIENT,
-) -> Case:
-    return of_lobes(
-        name, Group.STIFF, holds, lambda: [known()], rows=ROWS, lobes=lobes, gradient=gradient
-    )
-
-
 HELD = Bound(
     0.1,
     "The gradient takes a texel's shape as that at the lobe's centre; along this lobe it changes.",
@@ -61,35 +49,18 @@ LONG = Bound(
 )
 
 
-def _stiff(
-    name: str,
-    holds: str,
-    sharpness: Sharpness,
-    form: Form = Form.ASG,
-    irradiance: Bound = IRRADIANCE,
-    gradient: Bound = GRADIENT,
-) -> Case:
-    return of_lobes(
-        name,
-        Group.STIFF,
-        holds,
-        _one(sharpness, form),
-        rows=ROWS,
-        form=form,
-        irradiance=irradiance,
-        gradient=gradient,
-    )
+_stiff = functools.partial(of_lobes, Group.STIFF, rows=ROWS)
 
 
 def _ratio(x: float, y: float, irradiance: Bound = IRRADIANCE, gradient: Bound = GRADIENT) -> Case:
     name, holds = f"ratio-{x:g}-{y:g}", f"sharpness {x:g} by {y:g}"
-    return _stiff(name, holds, (x, y), irradiance=irradiance, gradient=gradient)
+    return _stiff(name, holds, _one((x, y)), irradiance=irradiance, gradient=gradient)
 
 
 SHARPNESS = (1e-3, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7)
 
 STIFF = (
-    *(_stiff(f"sharpness-{s:g}", f"one lobe of sharpness {s:g}", s) for s in SHARPNESS),
+    *(_stiff(f"sharpness-{s:g}", f"one lobe of sharpness {s:g}", _one(s)) for s in SHARPNESS),
     _ratio(1e3, 1e2),
     _ratio(1e4, 1e2),
     _ratio(1e4, 1e1),
@@ -97,42 +68,44 @@ STIFF = (
     _ratio(1e7, 1e3),
     _ratio(1e7, 1e-3, LONG, HELD),
     *(
-        _stiff(f"{form}-{s:g}", f"form {form}, sharpness {s:g}", s, form)
+        _stiff(f"{form}-{s:g}", f"form {form}, sharpness {s:g}", _one(s, form), form=form)
         for form in (Form.SG, Form.BINGHAM)
         for s in (1e-3, 1e2, 1e7)
     ),
-    _still(
+    _stiff(
         "on-top",
         "two lobes a twentieth of their width apart",
-        lambda: together(lobe(SUN, 100.0), lobe(toward(40.2, 30.1), 100.0)),
+        lambda: [together(lobe(SUN, 100.0), lobe(toward(40.2, 30.1), 100.0))],
         lobes=2,
     ),
-    _still("identical", "the same lobe twice", lambda: together(*(lobe(SUN, 100.0),) * 2), lobes=2),
-    _still(
+    _stiff(
+        "identical", "the same lobe twice", lambda: [together(*(lobe(SUN, 100.0),) * 2)], lobes=2
+    ),
+    _stiff(
         "one-in-another",
         "sharpness 1e4 in the middle of 10",
-        lambda: together(lobe(SUN, 1e4, 100.0), lobe(SUN, 10.0)),
+        lambda: [together(lobe(SUN, 1e4, 100.0), lobe(SUN, 10.0))],
         lobes=2,
     ),
-    _still("pole", "a long lobe on the pole", lambda: lobe(POLE, (100.0, 20.0)), gradient=HELD),
-    _still("pole-thin", "thinner than a texel, on the pole", lambda: lobe(POLE, 1e6, 1e6)),
-    _still("seam", "a long lobe on the seam", lambda: lobe(toward(180, 10), (100.0, 20.0))),
-    _still("seam-thin", "thinner than a texel, on the seam", lambda: lobe(SEAM, 1e6, 1e6)),
-    _still(
+    _stiff("pole", "a long lobe on the pole", lambda: [lobe(POLE, (100.0, 20.0))], gradient=HELD),
+    _stiff("pole-thin", "thinner than a texel, on the pole", lambda: [lobe(POLE, 1e6, 1e6)]),
+    _stiff("seam", "a long lobe on the seam", lambda: [lobe(toward(180, 10), (100.0, 20.0))]),
+    _stiff("seam-thin", "thinner than a texel, on the seam", lambda: [lobe(SEAM, 1e6, 1e6)]),
+    _stiff(
         "corner-thin",
         "thinner than a texel, where four meet",
-        lambda: lobe(TEXEL_CORNER, 1e6, 1e6),
+        lambda: [lobe(TEXEL_CORNER, 1e6, 1e6)],
     ),
-    _still(
+    _stiff(
         "lamps-200",
         "200 equal lamps, 15 lobes",
-        lambda: lamps(fibonacci_directions(200).tolist(), 2e3),
+        lambda: [lamps(fibonacci_directions(200).tolist(), 2e3)],
         lobes=15,
     ),
-    _still(
+    _stiff(
         "lamps-6",
         "six equal lamps on the axes, 6 lobes",
-        lambda: lamps([(1, 0, 0), (-1, 0, 0), POLE, (0, -1, 0), (0, 0, 1), (0, 0, -1)], 2e3),
+        lambda: [lamps([(1, 0, 0), (-1, 0, 0), POLE, (0, -1, 0), (0, 0, 1), (0, 0, -1)], 2e3)],
         lobes=6,
     ),
 )
@@ -144,18 +117,18 @@ def _found(
     known: Callable[[], list[Lobes]],
     count: int,
     form: Form = Form.ASG,
-    recovery: Recovery = FOUND,
     gradient: Bound = GRADIENT,
 ) -> Case:
+    """Return a case whose lobes, `count` of them a frame, are to be found again as `FOUND` asks."""
     return of_lobes(
-        name,
         Group.RECOVERY,
+        name,
         holds,
         known,
         rows=FINE_ROWS if count == 1 else ROWS,
         lobes=count,
         form=form,
-        recovery=recovery,
+        recovery=FOUND,
         gradient=gradient,
     )
 

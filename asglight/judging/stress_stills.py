@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stress cases of one frame: extreme radiance, extreme shapes, broken files."""
 
+import functools
 import math
 from collections.abc import Callable
 
@@ -25,6 +26,18 @@ def _still(
     gradient: Bound = GRADIENT,
     refused: str | None = None,
 ) -> Case:
+    """Return a case of one frame.
+
+    Args:
+        group: What is extreme.
+        name: Unique, words with hyphens.
+        holds: The input, in a few words.
+        make: Makes the map.  [H, W, 3]
+        irradiance: Bound of irr.
+        flux: Bound of the flux.
+        gradient: Bound of the gradient's error.
+        refused: Words of the one line that refuses the input, where it has to be.
+    """
     return Case(
         name,
         group,
@@ -37,39 +50,23 @@ def _still(
     )
 
 
-def _radiance(
-    name: str,
-    holds: str,
-    make: Callable[[], Tensor],
-    irradiance: Bound = IRRADIANCE,
-    flux: Bound = FLUX,
-) -> Case:
-    return _still(Group.RADIANCE, name, holds, make, irradiance=irradiance, flux=flux)
-
-
-def _shape(
-    name: str,
-    holds: str,
-    make: Callable[[], Tensor],
-    irradiance: Bound = IRRADIANCE,
-    gradient: Bound = GRADIENT,
-) -> Case:
-    return _still(Group.SHAPE, name, holds, make, irradiance=irradiance, gradient=gradient)
-
-
-def _broken(name: str, holds: str, make: Callable[[], Tensor], refused: str | None = None) -> Case:
-    return _still(Group.BROKEN, name, holds, make, refused=refused)
+_radiance = functools.partial(_still, Group.RADIANCE)
+_shape = functools.partial(_still, Group.SHAPE)
+_broken = functools.partial(_still, Group.BROKEN)
 
 
 def _texel(name: str, holds: str, row: int, column: int, value: float, around: float = 0.0) -> Case:
+    """Return a case whose map is of one radiance but for a texel."""
     return _radiance(name, holds, lambda: maps.texel(row, column, value, around))
 
 
 def _times(factor: float) -> Callable[[], Tensor]:
+    """Return what makes sun and sky, so many times as bright.  [H, W, 3]."""
     return lambda: maps.sun_and_sky() * factor
 
 
 def _only(channel: int) -> Callable[[], Tensor]:
+    """Return what makes sun and sky, black but for a channel.  [H, W, 3]."""
     return lambda: maps.sun_and_sky() * torch.eye(3)[channel]
 
 
@@ -108,7 +105,6 @@ def _large() -> Tensor:
 
 FEW_ROWS = "Texels of 22 degrees and more have edges, which 15 lobes seen on 16 rows soften."
 
-
 COARSE = Bound(
     0.1, "The gradient takes a texel's shape as that at a lobe's centre, on 16 rows a rough guess."
 )
@@ -116,12 +112,9 @@ COARSE = Bound(
 
 def _sized(rows: int, irradiance: Bound = IRRADIANCE, gradient: Bound = GRADIENT) -> Case:
     """Return sun and sky on a map of so many rows."""
-
-    def make() -> Tensor:
-        return maps.sun_and_sky(rows)
-
+    make = functools.partial(maps.sun_and_sky, rows)
     holds = f"sun and sky, {rows} {'row' if rows == 1 else 'rows'}"
-    return _shape(f"{rows}x{2 * rows}", holds, make, irradiance, gradient)
+    return _shape(f"{rows}x{2 * rows}", holds, make, irradiance=irradiance, gradient=gradient)
 
 
 SHAPE = (
@@ -164,7 +157,12 @@ BROKEN = (
     _broken("speckled", "NaN, Inf and negative texels in sun and sky", _speckled),
     _broken("all-nan", "NaN everywhere", lambda: maps.constant(math.nan)),
     _broken("all-negative", "-1 everywhere", lambda: maps.constant(-1.0)),
-    _broken("float-max", "a texel of 3.4e38", lambda: maps.texel(20, 40, 3.4e38), "at most 1e+36"),
-    _broken("square", "64 x 64", lambda: maps.constant(1.0)[:, :64], NO_LATLONG),
-    _broken("single", "1 x 1", lambda: maps.constant(1.0)[:1, :1], NO_LATLONG),
+    _broken(
+        "float-max",
+        "a texel of 3.4e38",
+        lambda: maps.texel(20, 40, 3.4e38),
+        refused="at most 1e+36",
+    ),
+    _broken("square", "64 x 64", lambda: maps.constant(1.0)[:, :64], refused=NO_LATLONG),
+    _broken("single", "1 x 1", lambda: maps.constant(1.0)[:1, :1], refused=NO_LATLONG),
 )

@@ -59,21 +59,25 @@ def fit_frames(
     before = [*(start or []), *(record.lobes for record in own_frames(done))][-2:]
     last = done[-1] if done else None
     frames = list(sequence.frames[len(done) :])
-    shown = None
+    previous: Tensor | None = None
     if last is not None and frames and options.preset is not Preset.PAPER:
-        shown = sequence.read_or_fill(last.frame).radiance
+        previous = sequence.read_or_fill(last.frame).radiance
     with contextlib.closing(read_ahead(sequence, frames)) as images:
         for frame in frames:
             begin = time.perf_counter()
             read = next(images)
-            if last is not None and shown is not None and torch.equal(read.image.radiance, shown):
+            if (
+                last is not None
+                and previous is not None
+                and torch.equal(read.image.radiance, previous)
+            ):
                 record = _repeated(frame, read, last, begin)
             else:
                 on_image(frame, read.image.radiance)
                 record = _fit_one(frame, read, options, before, on_progress, begin)
                 before = [*before[-1:], record.lobes]
             last = record
-            shown = None if options.preset is Preset.PAPER else read.image.radiance
+            previous = None if options.preset is Preset.PAPER else read.image.radiance
             yield record
 
 

@@ -17,7 +17,7 @@ from asglight.judging.stress_maps import SUN, constant, lobe
 from asglight.lobes import Lobes, LobeTracks
 
 LAMP = lobe(SUN, 60.0, (2.0, 1.0, 0.5))
-CASE = of_lobes("lamp", Group.RECOVERY, "one lamp", lambda: [LAMP], rows=32, recovery=FOUND)
+CASE = of_lobes(Group.RECOVERY, "lamp", "one lamp", lambda: [LAMP], rows=32, recovery=FOUND)
 NO_SHADER = "no OpenGL here"
 
 
