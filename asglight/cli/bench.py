@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from asglight.cli.folders import made_folder
+from asglight.cli.inputs import lit, open_input
 from asglight.cli.parser import add_input_options, add_json_option
 from asglight.cli.printing import counted, print_json, table
 from asglight.cli.progress import Reporter, reporter
 from asglight.errors import InputError
-from asglight.fitting.options import FIT_HEIGHT, LOBES
-from asglight.images import open_sequence
+from asglight.fitting.options import LOBES
 from asglight.images.message import shown
 from asglight.images.output import written_beside
 from asglight.judging import bench_gate
@@ -106,7 +106,7 @@ def command_of(arguments: argparse.Namespace) -> str:
     words = ["asglight", "bench", *arguments.input]
     words += [f"--{name}" for name in ("quick", "full") if getattr(arguments, name)]
     words += ["--lobes", str(arguments.lobes)] if arguments.lobes != LOBES else []
-    for name in ("paper_steps", "frames", "layer"):
+    for name in ("paper_steps", "frames", "layer", "input_colorspace"):
         value = getattr(arguments, name)
         words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
     return shlex.join(words)
@@ -134,19 +134,11 @@ def opened(path: str, arguments: argparse.Namespace, plan: Plan, report: Reporte
     """
     from asglight.judging.bench import Input  # loads what fits
 
-    options = {"frames": arguments.frames, "layer": arguments.layer}
-    sequence = open_sequence(path, height=FIT_HEIGHT, **options)
-    finest = open_sequence(path, height=max(plan.widths) // 2, **options)
+    sequence = open_input(path, arguments)
+    finest = open_input(path, arguments, max(plan.widths) // 2)
     frames = sequence.frames[: plan.frames]
-    references = []
-    for frame in report.follow(frames, f"reading {sequence.name}", len(frames)):
-        radiance = sequence.read(frame).radiance
-        if float(radiance.sum()) <= 0:
-            raise InputError(
-                f"{shown(sequence.path(frame))}: has no light in it; expected some, by which "
-                "errors are counted. Choose other frames with --frames."
-            )
-        references.append(radiance)
+    read = report.follow(frames, f"reading {sequence.name}", len(frames))
+    references = [lit(sequence, frame) for frame in read]
     source = finest.read(frames[0]).radiance
     return Input(sequence.name, path, frames, references, source)
 

@@ -9,17 +9,14 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
-from torch import Tensor
 
 from asglight.cli.folders import made_folder
+from asglight.cli.inputs import lit, open_input
 from asglight.cli.parser import add_input_options, add_json_option
 from asglight.cli.printing import print_json
 from asglight.cli.progress import reporter
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
-from asglight.images import Sequence as ImageSequence
-from asglight.images import open_sequence
-from asglight.images.message import shown
 from asglight.judging.compare import (
     FLOATS,
     FLOATS_MIN,
@@ -75,7 +72,9 @@ def run(arguments: argparse.Namespace) -> int:
     plan = Plan(
         chosen(arguments.methods), checked(arguments.floats), arguments.full, arguments.quick
     )
-    sequence, frames = opened(arguments)
+    height = QUICK_HEIGHT if arguments.quick else FIT_HEIGHT
+    sequence = open_input(arguments.input, arguments, height)
+    frames = sequence.frames if arguments.frames else sequence.frames[:1]
     folder = made_folder(Path(arguments.output))
     done: list[tuple[int, Path, Comparison]] = []
     with reporter() as report:
@@ -94,21 +93,6 @@ def run(arguments: argparse.Namespace) -> int:
     for frame, picture, comparison in done:
         print_tables(comparison, f"{sequence.name}, frame {frame}", str(picture))
     return 0
-
-
-def lit(sequence: ImageSequence, frame: int) -> Tensor:
-    """Read a frame.  [H, W, 3].
-
-    Raises:
-        InputError: It is black, so that nothing can be relative to its light.
-    """
-    radiance = sequence.read(frame).radiance
-    if float(radiance.sum()) > 0:
-        return radiance
-    raise InputError(
-        f"{shown(sequence.path(frame))}: has no light in it; expected some to compare by. Choose "
-        "another frame with --frames."
-    )
 
 
 def chosen(names: str | None) -> tuple[str, ...]:
@@ -139,19 +123,6 @@ def checked(floats: int) -> int:
             f"floats: {floats}; expected {FLOATS_MIN} (one lobe) to {FLOATS_MAX}. 120 are 15 lobes."
         )
     return floats
-
-
-def opened(arguments: argparse.Namespace) -> tuple[ImageSequence, Sequence[int]]:
-    """Open the input and choose its frames: those asked for, or the first."""
-    height = QUICK_HEIGHT if arguments.quick else FIT_HEIGHT
-    sequence = open_sequence(
-        arguments.input,
-        frames=arguments.frames,
-        height=height,
-        layer=arguments.layer,
-        colorspace=arguments.input_colorspace,
-    )
-    return sequence, sequence.frames if arguments.frames else sequence.frames[:1]
 
 
 def draw(path: Path, comparison: Comparison, name: str, floats: int) -> None:

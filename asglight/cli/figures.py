@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from asglight.cli import built_in
 from asglight.cli.folders import made_folder
+from asglight.cli.inputs import lit, open_input
 from asglight.cli.parser import Parser, add_input_options, add_json_option
 from asglight.cli.printing import print_json
 from asglight.cli.progress import Reporter, reporter
 from asglight.errors import InputError
 from asglight.fitting import paper
-from asglight.fitting.options import FIT_HEIGHT, LOBES
+from asglight.fitting.options import LOBES
 from asglight.images.output import written_beside
 
 if TYPE_CHECKING:
@@ -179,19 +180,10 @@ def opened(arguments: argparse.Namespace, report: Reporter) -> Shot:
     Raises:
         InputError: They cannot be read, have no light, or are too few.
     """
-    from asglight.cli.compare import lit
-    from asglight.images import open_sequence
-
     many = FRAMES if arguments.frames is None else None
     if arguments.input is None:
         return environment(arguments, many, report)
-    sequence = open_sequence(
-        arguments.input,
-        frames=arguments.frames,
-        height=FIT_HEIGHT,
-        layer=arguments.layer,
-        colorspace=arguments.input_colorspace,
-    )
+    sequence = open_input(arguments.input, arguments)
     frames = some(sequence.frames, arguments.figure, many, sequence.name)
     read = report.follow(frames, f"reading {sequence.name}", len(frames))
     return Shot(sequence.name, frames, [lit(sequence, frame) for frame in read])

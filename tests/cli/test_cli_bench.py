@@ -111,6 +111,24 @@ def test_the_scaling_starts_from_the_map_as_its_file_has_it(
     assert measured[0].source.shape == (300, 600, 3)
 
 
+def test_images_are_in_the_space_that_the_user_says(
+    tmp_path: Path, measured: list[bench.Input]
+) -> None:
+    values = np.broadcast_to(np.array([9.0, 6.0, 3.0], np.float32), (16, 32, 3)).copy()
+    path = image_files.write_rgb(tmp_path / "aces.exr", values)
+    folder = tmp_path / "out"
+    assert main(["bench", str(path), "-o", str(folder), "--input-colorspace", "ACEScg"]) == 0
+    # the published matrix from ACEScg to Rec.709, in five digits
+    matrix = [[1.70505, -0.62179, -0.08326], [-0.13026, 1.1408, -0.01055]]
+    matrix.append([-0.024, -0.12897, 1.15297])
+    wanted = np.array(matrix) @ np.array([9.0, 6.0, 3.0])
+    (given,) = measured
+    for radiance in (given.references[0], given.source):
+        np.testing.assert_allclose(radiance[8, 16].numpy(), wanted, rtol=1e-4)
+    command = json.loads((folder / "bench.json").read_text())["command"]
+    assert command == f"asglight bench {path} --input-colorspace ACEScg"
+
+
 def test_json_is_one_document(
     still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
