@@ -14,11 +14,13 @@ def condition_of(tracks: LobeTracks) -> list[dict[str, Any]]:
     so. A set that is met in several is told once, with the frame in which it is worst.
     """
     from asglight.fitting.condition import groups, trades
+    from asglight.fitting.sequence import one_thread
     from asglight.shots.tolerance import spread_frames
 
     found: dict[tuple[int, ...], dict[str, Any]] = {}
     for frame in spread_frames(tracks.frames):
-        pairs = trades(tracks.at(frame))
+        with one_thread():
+            pairs = trades(tracks.at(frame))
         for group in groups(pairs):
             worst = max(pair.amplification for pair in pairs if pair.lobes[0] in group)
             known = found.get(tuple(group))

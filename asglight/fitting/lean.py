@@ -247,15 +247,19 @@ def _affordable(
 ) -> tuple[list[int], Tensor]:
     """Return the lobes whose costs together stay within the budget, cheapest first, and all costs.
 
-    Lobes that change too much flux are not looked at: their cost is infinite.
+    Lobes that change too much flux, or too much of the first frame, are not looked at any further:
+    their cost is infinite.
     """
     lost = asg.flux(lobes.to(torch.float64)) - asg.flux(simpler.to(torch.float64))
     taken = lost.abs().sum(-1) / whole.clamp(min=1e-300)[:, None]  # [F, N]
     cost = torch.full((*taken.shape, len(PROBES)), torch.inf, dtype=torch.float64)
     near = torch.nonzero((taken <= left.amin(-1, keepdim=True)).all(0)).flatten()
-    if len(near):
-        changed = changes(lobes.select(near), simpler.select(near), whole)
-        cost[:, near] = changed + taken[:, near, None]
+    # what one frame does not bear no shot does: most lobes are told by their first frame
+    for part in (slice(0, 1), slice(1, None)):
+        if len(near) and len(whole[part]):
+            own, other = lobes[part].select(near), simpler[part].select(near)
+            cost[part, near] = changes(own, other, whole[part]) + taken[part, near, None]
+            near = near[(cost[part, near] <= left[part, None]).all(-1).all(0)]
     chosen: list[int] = []
     for index in cost.amax((0, 2)).argsort(stable=True).tolist():
         if bool((cost[:, [*chosen, index]].sum(1) <= left).all()):

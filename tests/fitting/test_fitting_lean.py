@@ -237,3 +237,32 @@ def test_a_frame_that_is_black_among_others_stays_black() -> None:
     found = leave_out(shot, budget(shot))
     assert found.needed.all()
     assert float(found.lobes.amplitude[1].abs().max()) == 0
+
+
+@pytest.mark.parametrize("long_in", [0, 3, 5])
+def test_a_lobe_that_is_long_in_one_frame_alone_stays_as_it_is(long_in: int) -> None:
+    shot = still_shot(lamps(*SCENE))
+    shot.sharpness[:, :, 1] *= 1.001  # each would become isotropic
+    shot.amplitude[:] *= torch.linspace(1, 2, 6)[:, None, None]  # and none static
+    shot.sharpness[long_in, 1, 1] *= 4
+    found = leave_out(shot, budget(shot)).lobes
+    same = found.sharpness[..., 0] == found.sharpness[..., 1]
+    assert same.all(0).tolist() == [True, False, True]
+    torch.testing.assert_close(found.sharpness[:, 1], shot.sharpness[:, 1], rtol=0, atol=0)
+
+
+def test_what_the_first_frame_does_not_bear_is_not_looked_at_in_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shot = still_shot(long_scene())
+    shot.amplitude[:] *= torch.linspace(1, 2, 6)[:, None, None]
+    seen: list[tuple[int, int]] = []
+    exact = lean.changes
+
+    def noted(before: Lobes, after: Lobes, whole: torch.Tensor) -> torch.Tensor:
+        seen.append((len(before.axes), before.count))
+        return exact(before, after, whole)
+
+    monkeypatch.setattr(lean, "changes", noted)
+    leave_out(shot, budget(shot))
+    assert seen == [(1, 3)], "each lobe's length is seen in the first of six frames"
