@@ -31,11 +31,8 @@ from asglight.judging import methods
 from asglight.judging.compare import FLOATS
 from asglight.judging.methods import METHODS, Task
 from asglight.judging.metrics import METRIC_NAMES, maps_errors
-from asglight.judging.paper_figures import coarsened
+from asglight.judging.paper_figures import ROWS, STEPS, coarsened
 from asglight.lobes import Form, Lobes, texels
-
-STEPS, ROWS = 1200, 64
-"""Of the paper's recipe: a twentieth of its steps, on a quarter of its rows."""
 
 FORMS = {
     (Form.SG, 15): "sg, 15 lobes, 90 floats",
@@ -63,9 +60,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="what (default: all)")
     add("-o", "--output", type=Path, default=Path("method.json"), metavar="FILE")
     options = parser.parse_args(argv)
+    paths = sorted(options.maps.glob("*.exr"))
+    if not paths:
+        parser.error(f"--maps: {options.maps}: has no .exr; expected latlong OpenEXR files")
+    options.output.parent.mkdir(parents=True, exist_ok=True)
     found: dict[str, dict[str, Any]] = {part: {} for part in options.parts}
     with reporter() as report:
-        for path in sorted(options.maps.glob("*.exr")):
+        for path in paths:
             reference = read_latlong(path, height=FIT_HEIGHT).radiance
             for part in options.parts:
                 fits = PARTS[part](reference, report, f"{path.stem}: {part}")
@@ -127,7 +128,16 @@ def _recipe(reference: Tensor, loss: Loss) -> Tensor:
 
 
 def _map(lobes: Lobes, reference: Tensor, columns: int = 0) -> Tensor:
-    """Return texel means, turned back by so many columns.  [H, W, 3]."""
+    """Return what lobes show, turned back by so many columns.
+
+    Args:
+        lobes: N lobes.  [N, .]
+        reference: Of the size wanted.  [H, W, 3]
+        columns: By which the map that they were fitted to was turned.
+
+    Returns:
+        Means over the texels.  [H, W, 3]
+    """
     means = texels.texel_means(lobes.to(torch.float32), *reference.shape[:2])
     return means.roll(-columns, dims=1)
 

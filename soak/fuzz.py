@@ -85,7 +85,10 @@ def fuzz(reader: Reader, count: int, seed: int, kept: Path, deadline: float) -> 
         size = min(BATCH, count - found.files)
         files = [
             mutated(
-                rng.choice(pool if rng.random() < 0.5 else pool[-50:]), pool, reader.suffix, rng
+                rng.choice(pool if rng.random() < 0.5 else pool[-RECENT:]),
+                pool,
+                reader.suffix,
+                rng,
             )
             for _ in range(size)
         ]

@@ -14,6 +14,7 @@ from asglight.export.track_file import read_json
 from asglight.images import read_latlong
 from asglight.images.decode import read_header
 from asglight.images.decoders import APART
+from asglight.lobes import Lobes
 from asglight.shots.checkpoint import Checkpoint
 from asglight.shots.watching import ShotWatch
 from asglight.usd import read_usd
@@ -56,22 +57,23 @@ def _image_apart(path: Path) -> None:
     read_latlong(path, height=ROWS, decoder=APART)
 
 
-def _usd(path: Path) -> None:
-    lobes = read_usd(path).lobes
+def _check_finite(lobes: Lobes) -> None:
     for values in (lobes.axes, lobes.sharpness, lobes.amplitude):
         assert bool(torch.isfinite(values).all()), "lobes that are not finite"
+
+
+def _usd(path: Path) -> None:
+    _check_finite(read_usd(path).lobes)
     read_options(path)
 
 
 def _tracks(path: Path) -> None:
-    lobes = read_json(path).lobes
-    for values in (lobes.axes, lobes.sharpness, lobes.amplitude):
-        assert bool(torch.isfinite(values).all()), "lobes that are not finite"
+    _check_finite(read_json(path).lobes)
 
 
 def _sg_array(path: Path) -> None:
-    read_sg_array(path, SgLayout.PHYSG)
-    read_sg_array(path, SgLayout.NERD)
+    for layout in SgLayout:
+        _check_finite(read_sg_array(path, layout).lobes)
 
 
 def _checkpoint(path: Path) -> None:
@@ -79,7 +81,7 @@ def _checkpoint(path: Path) -> None:
         ShotWatch(path.with_suffix("")).look()
     with Checkpoint(path, CHECKPOINT_HEADER, resume=True) as checkpoint:
         for record in checkpoint.records:
-            assert bool(torch.isfinite(record.lobes.axes).all()), "lobes that are not finite"
+            _check_finite(record.lobes)
 
 
 READERS = (

@@ -22,7 +22,7 @@ import OpenImageIO
 import torch
 
 from asglight.fitting.options import FitOptions, Preset
-from asglight.images import read_latlong
+from asglight.images import read_latlong, write_exr
 from asglight.images.decoders import APART
 from asglight.judging.memory import Peak, peak_memory
 from asglight.shots.events import FrameDone
@@ -119,19 +119,19 @@ def _write_large(path: Path, rows: int, columns: int) -> None:
     spec = OpenImageIO.ImageSpec(columns, rows, 3, "half")
     spec.attribute("compression", "zip")
     output = OpenImageIO.ImageOutput.create(str(path))
-    assert output is not None
-    assert output.open(str(path), spec)
+    if output is None or not output.open(str(path), spec):
+        raise OSError(f"{path}: cannot be opened for writing")
     pattern = np.tile(np.linspace(0, 2 * MEAN, 64, dtype=np.float32), columns // 64)
     strip = np.ascontiguousarray(np.broadcast_to(pattern[None, :, None], (256, columns, 3)))
     for top in range(0, rows, 256):
-        assert output.write_scanlines(top, top + 256, 0, strip), output.geterror()
-    assert output.close()
+        if not output.write_scanlines(top, top + 256, 0, strip):
+            raise OSError(f"{path}: cannot be written: {output.geterror()}")
+    if not output.close():
+        raise OSError(f"{path}: cannot be closed: {output.geterror()}")
 
 
 def many_lobes(folder: Path) -> dict[str, Any]:
     """Fit very many lobes, write them and read them back."""
-    from asglight.images import write_exr
-
     values = np.random.default_rng(4).lognormal(sigma=1.5, size=(MANY_ROWS, 2 * MANY_ROWS, 3))
     write_exr(folder / "sky.exr", torch.from_numpy(values.astype(np.float32)))
     options = FitOptions(lobes=MANY, preset=Preset.LIVE)

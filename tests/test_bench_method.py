@@ -103,6 +103,19 @@ def test_every_map_of_a_folder_is_in_the_tables(
     assert set(found["losses"]["one"]) == {loss.value for loss in Loss}
 
 
+def test_a_folder_without_maps_is_refused_and_a_folder_for_the_numbers_is_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(SystemExit):
+        method.main(["--maps", str(tmp_path)])
+    assert "has no .exr; expected latlong OpenEXR files" in capsys.readouterr().err
+    write_exr(tmp_path / "sky.exr", sky_and_sun(20.0, 16))
+    monkeypatch.setattr(method, "FORMS", {(Form.SG, 1): "round"})
+    target = tmp_path / "new" / "o.json"
+    assert method.main(["--maps", str(tmp_path), "--parts", "forms", "-o", str(target)]) == 0
+    assert list(json.loads(target.read_text())["forms"]) == ["sky"]
+
+
 def test_page_keeps_its_head_and_takes_the_captions() -> None:
     page = "# Figures\n\nA head.\n\n## Old\n\nold\n"
     captions = ["## One\n\n![One](figure-lobes.png)\n\ntext\n", "## Two\n"]

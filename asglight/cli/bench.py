@@ -2,13 +2,12 @@
 """`asglight bench`: error against run time: page, pictures, JSON; a gate for regressions."""
 
 import argparse
-import json
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from asglight.cli.folders import made_folder
+from asglight.cli.folders import made_folder, write_json, write_text
 from asglight.cli.inputs import lit, open_input
 from asglight.cli.parser import add_input_options, add_json_option
 from asglight.cli.printing import counted, print_json, table
@@ -16,7 +15,6 @@ from asglight.cli.progress import Reporter, reporter
 from asglight.errors import InputError
 from asglight.fitting.options import LOBES
 from asglight.images.message import shown
-from asglight.images.output import written_beside
 from asglight.judging import bench_gate
 from asglight.judging.bench_plan import Effort, Plan, plan_of
 
@@ -191,19 +189,7 @@ def write(folder: Path, document: dict[str, Any], report: Reporter) -> None:
         for name, draw in bench_plots.pictures(record).items():
             save(draw(record, DARK), folder / f"{record['name']}.{name}.png")
             drawn[name] = svg(draw(record, PAGE_THEME))
-    with written_beside(folder / "bench.html") as temporary:
-        temporary.write_text(page(document, pictures), encoding="utf-8")
-
-
-def write_json(path: Path, document: dict[str, Any]) -> None:
-    """Write a JSON document.
-
-    Raises:
-        InputError: It cannot be written there.
-    """
-    text = json.dumps(document, indent=1, allow_nan=False)
-    with written_beside(path) as temporary:
-        temporary.write_text(f"{text}\n", encoding="utf-8")
+    write_text(folder / "bench.html", page(document, pictures))
 
 
 def print_summary(

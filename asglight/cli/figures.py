@@ -2,15 +2,14 @@
 """`asglight figures`: the figures of Clausen et al. 2024 on any input, with their numbers."""
 
 import argparse
-import json
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from asglight.cli import built_in
-from asglight.cli.folders import made_folder
+from asglight.cli.folders import made_folder, write_json, write_text
 from asglight.cli.inputs import lit, open_input
 from asglight.cli.parser import Parser, add_input_options, add_json_option
 from asglight.cli.printing import print_json
@@ -18,14 +17,13 @@ from asglight.cli.progress import Reporter, reporter
 from asglight.errors import InputError
 from asglight.fitting import paper
 from asglight.fitting.options import LOBES
-from asglight.images.output import written_beside
+from asglight.judging.paper_figures import LOBE_COUNTS, ROWS, STARTS, STEPS, Plan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from torch import Tensor
 
     from asglight.judging.layout import Theme
-    from asglight.judging.paper_figures import Plan
 
 EXAMPLE = "asglight figures losses sky.exr -o figures-output"
 
@@ -42,9 +40,7 @@ beside the paper (.md), and every number (.json). Without INPUT the built-in env
 The paper's recipe takes a stated part of its 24,000 steps on a coarser map, so that a figure takes
 minutes; --steps 24000 --rows 256 is the published recipe and takes hours. docs/figures.md."""
 
-LOBE_COUNTS = (1, 2, 4, 8, 15, 30, 60)
 LOBES_MAX = 120
-STEPS, ROWS, STARTS = 1200, 64, 3
 ROWS_MIN, STARTS_MAX = 8, 9
 FRAMES = 16
 """Of a sequence, where --frames does not choose: four minutes of one core."""
@@ -112,6 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = made_folder(Path(arguments.output))
     with reporter() as report:
         shot = opened(arguments, report)
+        plan = replace(plan, rows=min(plan.rows, len(shot.maps[0])))
         figure, caption, numbers = DRAWN[arguments.figure](arguments, shot, plan, report)
     command = command_of(arguments)
     document = {
@@ -133,14 +130,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def plan_for(arguments: argparse.Namespace) -> "Plan":
+def plan_for(arguments: argparse.Namespace) -> Plan:
     """Return what the options ask for.
 
     Raises:
         InputError: A number is none or out of range.
     """
-    from asglight.judging.paper_figures import Plan
-
     try:
         counts = sorted({int(word) for word in arguments.lobes.split(",")})
     except ValueError:
@@ -241,7 +236,7 @@ def command_of(arguments: argparse.Namespace) -> str:
     return shlex.join(words)
 
 
-def draw_lobes(arguments: argparse.Namespace, shot: Shot, plan: "Plan", report: Reporter) -> Drawn:
+def draw_lobes(arguments: argparse.Namespace, shot: Shot, plan: Plan, report: Reporter) -> Drawn:
     """Make the sweep."""
     from asglight.judging import paper_figures_captions as captions
     from asglight.judging import paper_figures_sheet as sheets
@@ -259,7 +254,7 @@ def draw_lobes(arguments: argparse.Namespace, shot: Shot, plan: "Plan", report: 
     return figure, captions.lobes_caption(still, plan), [row.as_json() for row in still.rows]
 
 
-def draw_losses(arguments: argparse.Namespace, shot: Shot, plan: "Plan", report: Reporter) -> Drawn:
+def draw_losses(arguments: argparse.Namespace, shot: Shot, plan: Plan, report: Reporter) -> Drawn:
     """Make the ablation."""
     from asglight.judging import paper_figures_captions as captions
     from asglight.judging import paper_figures_sheet as sheets
@@ -281,7 +276,7 @@ def draw_losses(arguments: argparse.Namespace, shot: Shot, plan: "Plan", report:
     return figure, captions.losses_caption(still, plan), [row.as_json() for row in still.rows]
 
 
-def draw_forms(arguments: argparse.Namespace, shot: Shot, plan: "Plan", report: Reporter) -> Drawn:
+def draw_forms(arguments: argparse.Namespace, shot: Shot, plan: Plan, report: Reporter) -> Drawn:
     """Make the comparison of lobe functions."""
     from asglight.judging import paper_figures_captions as captions
     from asglight.judging import paper_figures_sheet as sheets
@@ -297,7 +292,7 @@ def draw_forms(arguments: argparse.Namespace, shot: Shot, plan: "Plan", report: 
     return figure, captions.forms_caption(still, plan), [row.as_json() for row in still.rows]
 
 
-def draw_time(arguments: argparse.Namespace, shot: Shot, plan: "Plan", report: Reporter) -> Drawn:
+def draw_time(arguments: argparse.Namespace, shot: Shot, plan: Plan, report: Reporter) -> Drawn:
     """Make the stacked row."""
     from asglight.judging import paper_figures_captions as captions
     from asglight.judging.paper_figures_stack import draw_stack
@@ -313,7 +308,7 @@ def draw_time(arguments: argparse.Namespace, shot: Shot, plan: "Plan", report: R
     return figure, captions.time_caption(found, plan), [way.as_json() for way in found.ways]
 
 
-DRAWN: dict[str, Callable[[argparse.Namespace, Shot, "Plan", Reporter], Drawn]] = {
+DRAWN: dict[str, Callable[[argparse.Namespace, Shot, Plan, Reporter], Drawn]] = {
     "lobes": draw_lobes,
     "losses": draw_losses,
     "time": draw_time,
@@ -349,8 +344,6 @@ def write(
         folder / f"figure-{name}{suffix}" for suffix in (".png", ".md", ".json")
     )
     save(figure, picture)
-    with written_beside(text) as temporary:
-        temporary.write_text(caption, encoding="utf-8")
-    with written_beside(numbers) as temporary:
-        temporary.write_text(f"{json.dumps(document, indent=1)}\n", encoding="utf-8")
+    write_text(text, caption)
+    write_json(numbers, document)
     return [picture, text, numbers]

@@ -2,17 +2,15 @@
 """`asglight stress`: stiff, extreme and broken input, measured, with a verdict for each case."""
 
 import argparse
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from asglight.cli.folders import made_folder
+from asglight.cli.folders import made_folder, write_json, write_text
 from asglight.cli.parser import add_json_option
 from asglight.cli.printing import print_json, table
 from asglight.cli.progress import reporter
 from asglight.errors import InputError
-from asglight.images.output import written_beside
 
 if TYPE_CHECKING:
     from asglight.judging.stress import Result, Tools
@@ -59,8 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     document = stress.as_document(results, tools, command)
     if folder is not None:
-        write(folder / "stress.md", stress_page.page(results, tools, command))
-        write(folder / "stress.json", f"{json.dumps(document, indent=1)}\n")
+        write_text(folder / "stress.md", stress_page.page(results, tools, command))
+        write_json(folder / "stress.json", document)
     if arguments.json:
         print_json(document)
     else:
@@ -83,16 +81,6 @@ def tools_at_hand() -> "Tools":
     except InputError as error:
         why = str(error)
     return Tools(fit_sequence, None, why)
-
-
-def write(path: Path, text: str) -> None:
-    """Write a text file.
-
-    Raises:
-        InputError: It cannot be written there.
-    """
-    with written_beside(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def print_results(results: Sequence["Result"], tools: "Tools") -> None:

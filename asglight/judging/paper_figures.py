@@ -29,6 +29,10 @@ from asglight.sphere import latlong
 
 LOBE_COUNTS = (1, 2, 4, 8, 15, 30, 60)
 
+STEPS, ROWS, STARTS = 1200, 64, 3
+"""Of the paper's recipe, where nothing else is asked for: a twentieth of its steps, on a quarter of
+its rows, and the starts of the ablation."""
+
 ROUGHNESS = (0.05, 0.25, 0.5, 1.0)
 """Of the balls, from nearly a mirror to matte."""
 
@@ -46,16 +50,16 @@ class Plan:
         lobes: N, where one number is meant.
         counts: Numbers of lobes of the sweep.
         steps: Adam steps of the paper's recipe.
-        rows: Of the map that the paper's recipe is given.
+        rows: Of the map that the paper's recipe is given; fewer where the map has fewer.
         seeds: Starts of the ablation.
         ball_size: S.
     """
 
     lobes: int
     counts: tuple[int, ...] = LOBE_COUNTS
-    steps: int = 1200
-    rows: int = 64
-    seeds: int = 3
+    steps: int = STEPS
+    rows: int = ROWS
+    seeds: int = STARTS
     ball_size: int = BALL_SIZE
 
 

@@ -82,6 +82,14 @@ def test_a_still_s_figure_is_a_picture_a_caption_and_numbers(
     assert all(fit["env"] > 0 for fit in found["fits"])
 
 
+def test_the_caption_says_what_rows_a_small_map_has(tmp_path: Path) -> None:
+    words = ["figures", "lobes", "-o", str(tmp_path), "--lobes", "1", "--steps", "2"]
+    assert main([*words, "--rows", "64"]) == 0  # of a map of 16
+    assert document(tmp_path, "lobes")["paper"] == {"steps": 2, "rows": 16}
+    caption = " ".join((tmp_path / "figure-lobes.md").read_text().split())
+    assert "2 of its 24,000 Adam steps on 16 x 32 texels (published: 256 rows)" in caption
+
+
 def test_time_follows_the_frames_that_are_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
