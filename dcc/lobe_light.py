@@ -62,7 +62,7 @@ def _nodes(lobe: Lobes) -> tuple[Tensor, Tensor]:
     axes, sharpness = lobe.axes[0], lobe.sharpness[0]
     if sharpness[0] < sharpness[1]:  # x is to be the narrower; which way it points matters not
         axes, sharpness = axes[[1, 0, 2]], sharpness[[1, 0]]
-    per_variance = 1 if lobe.form is Form.SG else 2
+    per_variance = asg.per_variance(lobe.form)
     reach = (_REACH * (per_variance * sharpness).rsqrt()).clamp(max=1).tolist()
     x, weight_x = gauss(-reach[0], reach[0], _NODE)
     turn = math.asin(reach[1])

@@ -106,5 +106,6 @@ void main() {
     if (u_runs.w > 0) {
         radiance += let_through * base_radiance(normal);
     }
-    o_radiance = vec4(radiance, 1.0) * coverage;
+    // the terms of a flat lobe have both signs, and are each shown to a percent or so
+    o_radiance = vec4(max(radiance, vec3(0.0)), 1.0) * coverage;
 }

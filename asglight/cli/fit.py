@@ -18,10 +18,16 @@ from asglight.cli.printing import counted, duration, frame_range, percent, print
 from asglight.cli.progress import reporter
 from asglight.cli.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.errors import InputError
-from asglight.fitting.options import LOBES, MAX_LOBES, FitOptions, Preset
+from asglight.fitting.options import (
+    FORM_NAMES,
+    LOBES,
+    MAX_LOBES,
+    FitOptions,
+    Preset,
+    form_of,
+)
 from asglight.images.frame_files import ranges
 from asglight.images.sequence import Missing
-from asglight.lobes import Form
 from asglight.shots import ShotResult, fit_shot
 from asglight.shots.tracks import repairs_of
 from asglight.usd.options import StageOptions
@@ -51,13 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--max-lobes", type=int, metavar="N", help=most)
     presets, made = [str(preset) for preset in Preset], "how the fit is made (default: %(default)s)"
     add("--preset", choices=presets, default=str(default.preset), help=made)
-    forms = [str(form) for form in Form]
-    add(
-        "--form",
-        choices=forms,
-        default=str(default.form),
-        help="lobe function (default: %(default)s)",
-    )
+    function = "lobe function; auto: flat or asg, whichever fits better (default: %(default)s)"
+    add("--form", choices=FORM_NAMES, default=str(default.form), help=function)
     add_input_options(parser)
     part = "the shot's first frame, if --frames is a part of it: parts then have the same lobes"
     add("--preroll", type=int, metavar="FRAME", help=part)
@@ -124,7 +125,7 @@ def options_from(arguments: argparse.Namespace) -> FitOptions:
     return FitOptions(
         lobes=arguments.lobes,
         preset=preset,
-        form=Form(arguments.form),
+        form=form_of(arguments.form),
         seed=arguments.seed,
         device=arguments.device,
         paper_steps=steps or FitOptions().paper_steps,

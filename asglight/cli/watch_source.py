@@ -9,7 +9,7 @@ from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.shots.watching import ShotWatch
 from asglight.viewer.source import SourceStatus
-from asglight.viewer.state import MAX_LOBES
+from asglight.viewer.state import lobes_max
 
 INTERVAL_SECONDS = 0.2
 """Between two looks: a frame of the fastest preset takes a fifth of this on one core, the eye
@@ -64,9 +64,10 @@ class WatchSource:
     def _look(self) -> None:
         is_new = self._watch.look()
         tracks, is_written = self._watch.tracks, self._watch.is_written
-        if tracks is not None and tracks.lobes.count > MAX_LOBES:
+        if tracks is not None and tracks.lobes.count > lobes_max(tracks.lobes.form):
             raise InputError(
-                f"{self._name}: has {tracks.lobes.count} lobes; expected at most {MAX_LOBES}, "
+                f"{self._name}: has {tracks.lobes.count} lobes; expected at most "
+                f"{lobes_max(tracks.lobes.form)}, "
                 "which is what the viewer holds. Fit fewer with --lobes."
             )
         done = 0 if tracks is None else len(tracks.frames)

@@ -21,7 +21,7 @@ from torch import Tensor
 from asglight import __version__
 from asglight.export import albedo, glsl_text
 from asglight.images.output import written_beside
-from asglight.lobes import Lobes, LobeTracks
+from asglight.lobes import Form, Lobes, LobeTracks, flat
 from asglight.shader_files import enum_number, included_lines
 from asglight.shading import ggx_lobes
 from asglight.shading.ggx_layer import window_shares
@@ -125,12 +125,15 @@ def environment(tracks: LobeTracks, blocks_name: str) -> Environment:
         blocks_name: Of the file of the blocks, for the head of the text.
     """
     lit = _lit(tracks.lobes.to("cpu", torch.float64))
+    count, form = lit.count, lit.form
+    if form is Form.FLAT:  # the include knows their terms alone
+        lit = flat.terms(lit)
     made = sheets(lit)
     blocks = np.stack([rows.float().numpy() for rows in _vectors(lit, made).values()], axis=1)
     is_still = bool((blocks == blocks[:1]).all())
     head = _HEADER.format(
-        count=lit.count,
-        form=lit.form,
+        count=count,
+        form=form,
         span=_span(tracks),
         version=__version__,
         block=""

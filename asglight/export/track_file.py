@@ -49,6 +49,7 @@ FORMULAS = {
     Form.ASG: "max(z, 0) exp(-sx x^2 - sy y^2)",
     Form.BINGHAM: "exp(-sx x^2 - sy y^2)",
     Form.SG: "exp(sx (z - 1))",
+    Form.FLAT: "max(z, 0) (1 - (1 - exp(-sx x^2 - sy y^2))^3)",
 }
 
 

@@ -78,7 +78,7 @@ def advance(
     """
     step = step.to(lobes.axes.dtype)
     tilt, shape, light = step[..., :2], step[..., 2:5], step[..., 5:]
-    widths = (1.0 if lobes.form is Form.SG else 2.0) * lobes.sharpness
+    widths = asg.per_variance(lobes.form) * lobes.sharpness
     bound = (TILT_MAX_WIDTHS * widths.clamp(min=1e-6).rsqrt()).clamp(max=TILT_MAX)
     tilt = torch.maximum(torch.minimum(tilt, bound), -bound)
     shape = shape * (SHAPE_MAX / shape.abs().amax(-1, keepdim=True).clamp(min=SHAPE_MAX))
@@ -89,7 +89,7 @@ def advance(
     axes = orthonormal(torch.stack([axis_x, lobes.axis_y, axis_z], dim=-2))
     limit = asg.SHARPNESS_MAX
     if width_min > 0:
-        limit = min(limit, 1 / ((1.0 if lobes.form is Form.SG else 2.0) * width_min**2))
+        limit = min(limit, 1 / (asg.per_variance(lobes.form) * width_min**2))
     sharpness = sharpness.clamp(min=asg.SHARPNESS_MIN, max=limit)
     amplitude = (lobes.amplitude + light).clamp(min=0) * concentration(lobes, sharpness)
     return Lobes(axes, sharpness, amplitude, lobes.form)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import light, lobe_images, newton, objective, seeding
+from asglight.fitting import flat_tops, light, lobe_images, newton, objective, seeding
 from asglight.fitting.grid import grid
 from asglight.fitting.objective import Corners
 from asglight.fitting.regroup import regroup
@@ -150,7 +150,7 @@ def exposed(reference: Tensor) -> Exposed:
 def fit_first_frame(
     reference: Tensor,
     count: int,
-    form: Form,
+    form: Form | None,
     effort: Effort = FAST,
     on_step: newton.OnStep | None = None,
 ) -> FrameFit:
@@ -159,20 +159,28 @@ def fit_first_frame(
     Args:
         reference: Repaired radiance.  [H, 2 H, 3]
         count: N.
-        form: Lobe function.
+        form: Lobe function; None for asg, or flat where that shows the map better (flat_tops.py).
         effort: How much is spent.
         on_step: Called with the lobes [F, N, .] after each step, in units of the map's mean
             radiance; F starts at first, then one.
     """
     frame = exposed(reference)
+    first = form or Form.ASG
     if frame.exposure <= 0:
-        return FrameFit(dark_lobes(count, form, reference), 0.0, 0.0)
+        return FrameFit(dark_lobes(count, first, reference), 0.0, 0.0)
     cells = seeding.cells(reference / frame.exposure)
-    seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
     whole = objective.target(frame.radiance)
-    starts = newton.Outcome(stack(seeds), torch.empty(0), torch.tensor(newton.DAMPING_START))
     width_min = narrowest(frame.height)
-    found = descend(starts, whole, effort.levels, width_min, on_step)
+
+    def fitted(form: Form) -> newton.Outcome:
+        seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
+        starts = newton.Outcome(stack(seeds), torch.empty(0), torch.tensor(newton.DAMPING_START))
+        return descend(starts, whole, effort.levels, width_min, on_step)
+
+    found = fitted(first)
+    if form is None and flat_tops.promises(found.lobes, whole, width_min):
+        flat = fitted(Form.FLAT)
+        found = flat if flat_tops.gains(flat, found) else found
     shown = lobe_images.images(found.lobes, whole.places)
     lit = light.relight(shown, replace(whole, corners=LIGHT), passes=1)
     return with_flux_of(lit.lobes[0], frame, float(found.value))

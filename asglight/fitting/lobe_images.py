@@ -1,11 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images of lobes on leaves: values, slopes of a loss, and the columns of the Gauss-Newton matrix.
 
-The mean of a Gaussian over a texel is, to second order in the texel's size, a wider Gaussian: the
-texel's own second moment T adds to the lobe's covariance. With S = diag(sx, sy) in the lobe's frame
-it has the sharpness matrix S' = (I + 2 S T)^-1 S and the peak c = det(I + 2 S T)^-1/2. So one
-formula serves leaves of any size and lobes of any width, and a lobe narrower than a cell still has
-a slope there. T is held in the derivatives.
+What a leaf sees of a lobe is the lobe's mean over it (footprints.py).
 
 Sums over leaves are exact to 2 exp(-2 pi^2 sigma'^2) an axis, sigma' in leaves: 39 % for a lobe far
 narrower than its leaf, sigma'^2 = 1/12. Narrow lobes are therefore scaled to their exact integral,
@@ -15,20 +11,25 @@ would seem to change its flux from leaf to leaf, which outweighs what its motion
 The exponent and each derivative over the value are polynomials in direction of degree 1 and 2, so
 an image is one product with the monomials of direction, and the slopes of a loss along all
 coordinates come from the moments of lobe times slope.
+
+A flat lobe is drawn as its three asg terms; what they give goes back to its own coordinates
+(flat_terms.py).
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import torch
 from torch import Tensor
 
-from asglight.fitting.coordinates import BROAD, is_round
+from asglight.fitting import flat_terms
+from asglight.fitting.coordinates import BROAD
+from asglight.fitting.footprints import Footprint, exponents, seen_moments
 from asglight.fitting.grid import Grid
 from asglight.fitting.leaves import Leaves
-from asglight.lobes import Form, Lobes
+from asglight.lobes import Form, Lobes, flat
+from asglight.lobes import data as lobe_data
 
 EXPONENT_MIN = -30.0
 """Of exp: 1e-13 of the peak, beyond sight; its square times a leaf's share is no denormal number,
@@ -47,20 +48,6 @@ near a pole, where rows of cells are unlike, more is lacking."""
 
 
 @dataclass(frozen=True)
-class Footprint:
-    """Lobes as leaves of L sizes see them, as polynomials in the monomials of degree 1 and 2.
-
-    Attributes:
-        exponent: Of the value over z: log c - d^T S' d.  [L, F, N, 9]
-        derivatives: Of the value over the value, along the five coordinates; for the asg form less
-            the tilts of z.  [L, F, N, 5, 9]
-    """
-
-    exponent: Tensor
-    derivatives: Tensor
-
-
-@dataclass(frozen=True)
 class Images:
     """Lobes of amplitude 1 on leaves.
 
@@ -68,17 +55,20 @@ class Images:
         lobes: The lobes.  [F, N, .]
         values: Means over each leaf, but for `scale`.  [F, N, P]
         gaussian: The values over z where z > 0 for the asg form; else the values.  [F, N, P]
-        scale: What makes the integrals of narrow lobes exact.  [F, N]
+        scale: What makes the integrals of narrow lobes exact; 1 for flat lobes, whose `values` have
+            it.  [F, N]
+        terms: Of flat lobes, the images of their terms.  3 N lobes
     """
 
     lobes: Lobes
     values: Tensor
     gaussian: Tensor
     scale: Tensor
+    terms: "Images | None" = None
 
     def __getitem__(self, index: Any) -> Self:
         """Index the frames, as one would index each tensor."""
-        parts = {name: value[index] for name, value in vars(self).items()}
+        parts = {name: value[index] for name, value in vars(self).items() if value is not None}
         return replace(self, **parts)
 
     @property
@@ -92,14 +82,44 @@ class Images:
         return self.light.mT @ self.values
 
 
+def chosen(first: Tensor, one: Images, other: Images) -> Images:
+    """Return the one's images in some frames and the other's elsewhere.
+
+    Args:
+        first: Which frames are the one's.  [F]
+        one: Images of every frame.
+        other: As many.
+    """
+
+    def of(these: Tensor, those: Tensor) -> Tensor:
+        return torch.where(first.reshape(-1, *[1] * (these.ndim - 1)), these, those)
+
+    values = of(one.values, other.values)
+    terms = None
+    if one.terms is not None and other.terms is not None:
+        terms = chosen(first, one.terms, other.terms)
+    return Images(
+        lobe_data.chosen(first, one.lobes, other.lobes),
+        values,
+        values if one.gaussian is one.values else of(one.gaussian, other.gaussian),
+        of(one.scale, other.scale),
+        terms,
+    )
+
+
 def images(lobes: Lobes, places: Leaves) -> Images:
     """Evaluate lobes on leaves.  [F, N, .]."""
+    if lobes.form is Form.FLAT:
+        terms = images(flat.terms(lobes), places)
+        # terms averaged over a leaf each by itself may miss 0 by a little
+        values = flat.summed(terms.values * terms.scale[..., None], 1).clamp(min=0)
+        return Images(lobes, values, values, torch.ones_like(terms.scale[:, : lobes.count]), terms)
     levels = places.levels
-    _, inverse, determinant = _seen(lobes, [rows for rows, _, _ in levels])
-    exponents = _exponent(lobes, inverse, determinant)
+    _, inverse, determinant = seen_moments(lobes, [rows for rows, _, _ in levels])
+    found = exponents(lobes, inverse, determinant)
     parts = [
         _values(lobes, exponent, monomials)
-        for exponent, (_, monomials, _) in zip(exponents, levels, strict=True)
+        for exponent, (_, monomials, _) in zip(found, levels, strict=True)
     ]
     values = torch.cat([part[0] for part in parts], dim=-1)
     gaussian = values
@@ -170,122 +190,15 @@ def _values(lobes: Lobes, exponent: Tensor, monomials: Tensor) -> tuple[Tensor, 
     return z.mul_(gaussian), gaussian
 
 
-def _seen(lobes: Lobes, rows: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the second moment of a texel about its centre, (I + 2 S T)^-1 and its determinant.
-
-    A texel of a grid of `rows` rows is pi / rows high and pi / rows times cos(latitude) wide.
-
-    Returns:
-        T and the inverse, in each lobe's frame [L, F, N, 2, 2], and the determinant [L, F, N].
-    """
-    sides = [(math.pi / count) ** 2 / 12 for count in rows]
-    side = lobes.sharpness.new_tensor(sides)[:, None, None]
-    axis_z, axes = lobes.axis_z, lobes.axes[..., :2, :]
-    sin2 = axis_z[..., 1].square()
-    cos2 = torch.maximum(1 - sin2, 3 * side)  # within a texel of a pole width has no direction
-    # along the row, cos(latitude) long: z x y and its parts on axis_x and axis_y
-    along = torch.stack([axis_z[..., 2], torch.zeros_like(sin2), -axis_z[..., 0]], dim=-1)
-    part = (axes @ along[..., None])[..., 0]
-    shorter = (sin2 / cos2)[..., None, None] * part[..., :, None] * part[..., None, :]
-    identity = torch.eye(2, dtype=sin2.dtype, device=sin2.device)
-    moment = side[..., None, None] * (identity - shorter)
-    trace = shorter[..., 0, 0] + shorter[..., 1, 1]
-    if lobes.form is Form.SG:  # stays isotropic
-        moment = (side * (1 - trace / 2))[..., None, None] * identity
-        inverse = 1 / (1 + lobes.sharpness[..., 0] * moment[..., 0, 0])
-        return moment, inverse[..., None, None] * identity, inverse.square()
-    a, b, c, d = (2 * lobes.sharpness[..., :, None] * moment).flatten(-2).unbind(-1)
-    # det T = side^2 (1 - trace): the difference of products would lose it for sharp lobes
-    product = 4 * side.square() * lobes.sharpness.prod(-1) * (1 - trace).clamp(min=0)
-    determinant = 1 / (1 + a + d + product)
-    inverse = torch.stack([1 + d, -b, -c, 1 + a], dim=-1) * determinant[..., None]
-    return moment, inverse.unflatten(-1, (2, 2)), determinant
-
-
-def _exponent(lobes: Lobes, inverse: Tensor, determinant: Tensor) -> Tensor:
-    """Return log c - d^T S' d, or for the sg form log c + s' (z - 1).  [L, F, N, 9]."""
-    if lobes.form is Form.SG:
-        seen = lobes.sharpness[..., 0] * inverse[..., 0, 0]
-        square = (determinant.log() / 2 - seen)[..., None] * _one(inverse)
-        return torch.cat([seen[..., None] * lobes.axis_z, square], dim=-1)
-    across = lobes.axes[..., :2, :]
-    square = _monomials(-across.mT @ _sharpness_seen(lobes, inverse) @ across)
-    square = square + determinant.log()[..., None] / 2 * _one(inverse)
-    return torch.cat([square.new_zeros(*square.shape[:-1], 3), square], dim=-1)
-
-
-def _sharpness_seen(lobes: Lobes, inverse: Tensor) -> Tensor:
-    """Return S' = (I + 2 S T)^-1 S, symmetric.  [L, F, N, 2, 2]."""
-    seen = inverse * lobes.sharpness[..., None, :]
-    return (seen + seen.mT) / 2
-
-
-def footprint(lobes: Lobes, rows: Sequence[int]) -> Footprint:
-    """Return what leaves of grids of so many rows see of lobes.  [F, N, .]."""
-    moment, inverse, determinant = _seen(lobes, rows)
-    exponent = _exponent(lobes, inverse, determinant)
-    shifted = lobes.sharpness + BROAD
-    if lobes.form is Form.SG:
-        return Footprint(exponent, _sg_derivatives(lobes, moment, inverse))
-    seen = _sharpness_seen(lobes, inverse)
-    across, axis_z = lobes.axes[..., :2, :], lobes.axis_z
-    # 2 z (S' (x, y)), a product of two directions for each tilt
-    towards = 2 * seen @ across  # [L, F, N, 2, 3]
-    tilts = towards[..., :, None] * axis_z[..., None, None, :]
-    tilts = (tilts + tilts.mT) / 2
-    change = lobes.sharpness.new_zeros(*shifted.shape[:-1], 3, 2, 2)  # dS
-    change[..., 0, 0, 0], change[..., 1, 1, 1] = shifted.unbind(-1)
-    change[..., 2, 0, 1] = change[..., 2, 1, 0] = turn_speed(lobes)
-    # dS' = (I + 2 S T)^-1 dS (I + 2 T S)^-1
-    sides = inverse.mT @ across  # [L, F, N, 2, 3]
-    shapes = -(sides.mT[..., None, :, :] @ change @ sides[..., None, :, :])
-    # d log c = -tr((I + 2 T S)^-1 T dS)
-    log_peak = -((moment @ inverse)[..., None, :, :] * change.mT).sum((-2, -1))
-    log_peak[..., :2] += 0.5  # a width changes at constant flux (coordinates.py)
-    shapes = _monomials(shapes) + log_peak[..., None] * _one(moment)
-    square = torch.cat([_monomials(tilts), shapes], dim=-2)
-    return Footprint(exponent, torch.cat([square.new_zeros(*square.shape[:-1], 3), square], dim=-1))
-
-
-def _sg_derivatives(lobes: Lobes, moment: Tensor, inverse: Tensor) -> Tensor:
-    """Return the derivatives of the sg form, which has one width and no turn.  [L, F, N, 5, 9]."""
-    shifted, inverse = lobes.sharpness[..., 0] + BROAD, inverse[..., 0, 0]
-    seen = lobes.sharpness[..., 0] * inverse  # s'
-    change = shifted * inverse.square()  # ds'
-    log_peak = 1 - shifted * moment[..., 0, 0] * inverse  # at constant flux
-    found = inverse.new_zeros(*inverse.shape, 5, 9)
-    found[..., :2, :3] = seen[..., None, None] * lobes.axes[..., :2, :]
-    found[..., 2, :3] = change[..., None] * lobes.axis_z
-    found[..., 2, 3:] = (log_peak - change)[..., None] * _one(moment)
-    return found
-
-
-def _one(like: Tensor) -> Tensor:
-    """Return 1 as a polynomial of degree 2: x^2 + y^2 + z^2, in the order of POWERS.  [6]."""
-    return like.new_tensor([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
-
-
-def _monomials(matrix: Tensor) -> Tensor:
-    """Return d^T M d of symmetric M by monomials of degree 2.  [..., 3, 3] -> [..., 6]."""
-    xx, xy, xz, _, yy, yz, _, _, zz = matrix.flatten(-2).unbind(-1)
-    return torch.stack([xx, 2 * xy, 2 * xz, yy, 2 * yz, zz], dim=-1)
-
-
-def turn_speed(lobes: Lobes) -> Tensor:
-    """Return sx - sy of a lobe that turns, and what stands for it in one that shears.  [..., N]."""
-    shifted = lobes.sharpness + BROAD
-    difference = lobes.sharpness[..., 0] - lobes.sharpness[..., 1]
-    return torch.where(is_round(lobes), shifted.prod(-1).sqrt(), difference)
-
-
 def scale_slopes(shown: Images, seen: Footprint, places: Leaves) -> Tensor:
-    """Return d log scale along the five coordinates.  [F, N, 5].
+    """Return d log scale along the five coordinates; of flat lobes, of their terms.  [F, N, 5].
 
     Args:
         shown: The lobes on the leaves.
         seen: Their footprint on the leaves' levels.
         places: The leaves.
     """
+    shown = shown.terms or shown
     share = places.share[:, None]
     mean = (shown.values @ share.mT).clamp(min=torch.finfo(share.dtype).tiny)
     return _scale_slopes(shown.lobes, shown.scale, _shape_slopes(shown, seen, share, places) / mean)
@@ -306,6 +219,9 @@ def slopes(
     Returns:
         dJ along the five coordinates and the three amplitudes of each lobe.  [F, N, 8]
     """
+    if shown.terms is not None:
+        of_terms = slopes(shown.terms, seen, of_scale, slope, places)
+        return flat_terms.slopes_of_lobes(of_terms, shown.terms.lobes, shown.lobes)
     along = shown.light @ slope  # dJ / d value  [F, N, P]
     shape = _shape_slopes(shown, seen, along, places)
     light = shown.values @ slope.mT * shown.scale[..., None]
@@ -338,6 +254,9 @@ def columns(lobes: Lobes, seen: Footprint, level: int, monomials: Tensor) -> Ten
     Returns:
         Row 6 i is lobe i, rows 6 i + 1 to 6 i + 5 its derivatives.  [F, 6 N, P']
     """
+    if lobes.form is Form.FLAT:
+        of_terms = columns(flat.terms(lobes), seen, level, monomials)
+        return flat_terms.columns_of_lobes(of_terms, lobes)
     values, gaussian = _values(lobes, seen.exponent[level], monomials)
     shape = torch.matmul(seen.derivatives[level].flatten(1, 2), monomials[..., 1:, :])
     shape = shape.unflatten(1, (lobes.count, 5)).mul_(values[:, :, None])
@@ -359,6 +278,9 @@ def grid_columns(lobes: Lobes, seen: Footprint, level: int, cells: Grid) -> Tens
     Returns:
         Rows as those of `columns`.  [F, 6 N, P']
     """
+    if lobes.form is Form.FLAT:
+        of_terms = grid_columns(flat.terms(lobes), seen, level, cells)
+        return flat_terms.columns_of_lobes(of_terms, lobes)
     found = columns(lobes, seen, level, cells.monomials)
     mean = (found @ cells.share).unflatten(1, (lobes.count, COLUMNS))
     scale = _scale(lobes, mean[..., 0])
@@ -381,6 +303,9 @@ def leaf_columns(
     Returns:
         Rows as those of `columns`.  [F, 6 N, P']
     """
+    if shown.terms is not None:
+        of_terms = leaf_columns(shown.terms, seen, of_scale, level, monomials)
+        return flat_terms.columns_of_lobes(of_terms, shown.lobes)
     return _scaled(columns(shown.lobes, seen, level, monomials), shown.scale, of_scale)
 
 

@@ -20,12 +20,12 @@ from torch import Tensor
 
 from asglight.fitting import lobe_images, objective, temporal
 from asglight.fitting.coordinates import UNKNOWNS, Leash, advance
+from asglight.fitting.footprints import Footprint, footprint
 from asglight.fitting.grid import cell_sums, coarser, grid
-from asglight.fitting.lobe_images import COLUMNS, Footprint, Images
+from asglight.fitting.lobe_images import COLUMNS, Images
 from asglight.fitting.objective import Misfit
 from asglight.fitting.probes import CURVATURE_ROWS, probe
 from asglight.lobes import Lobes, asg
-from asglight.lobes.data import chosen
 
 OnStep = Callable[[Lobes], None]
 """Called with the lobes [F, N, .] after a step."""
@@ -141,11 +141,6 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
     def of(new: Tensor, old: Tensor) -> Tensor:
         return torch.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
-    new, old = tried.shown, before.shown
-    lobes = chosen(better, new.lobes, old.lobes)
-    values = of(new.values, old.values)
-    same = new.gaussian is new.values
-    gaussian = values if same else of(new.gaussian, old.gaussian)
     pairs = zip(tried.misfit.probe_weights, before.misfit.probe_weights, strict=True)
     found = Misfit(
         of(tried.misfit.value, before.misfit.value),
@@ -153,7 +148,7 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
         of(tried.misfit.env_weight, before.misfit.env_weight),
         tuple(of(*pair) for pair in pairs),
     )
-    shown = Images(lobes, values, gaussian, of(new.scale, old.scale))
+    shown = lobe_images.chosen(better, tried.shown, before.shown)
     return _State(shown, found, of(tried.value, before.value))
 
 
@@ -171,7 +166,7 @@ def _equations(
 def _gradient(state: _State, frame: objective.Target, priors: Sequence[temporal.Prior]) -> Tensor:
     """Return the gradient of J and the temporal terms.  [F, 8 N]."""
     lobes = state.shown.lobes
-    seen = lobe_images.footprint(lobes, [rows for rows, _, _ in frame.places.levels])
+    seen = footprint(lobes, [rows for rows, _, _ in frame.places.levels])
     of_scale = lobe_images.scale_slopes(state.shown, seen, frame.places)
     found = lobe_images.slopes(state.shown, seen, of_scale, state.misfit.slope, frame.places)
     gradient = found.double().flatten(1)
@@ -196,7 +191,7 @@ def normal_equations(
     lobes, places = shown.lobes, frame.places
     cells = grid(coarser(places.rows, CURVATURE_ROWS), str(lobes.axes.device))
     sizes = [rows for rows, _, _ in places.levels]
-    seen = lobe_images.footprint(lobes, [*sizes, cells.height])
+    seen = footprint(lobes, [*sizes, cells.height])
     of_leaves = Footprint(seen.exponent[:-1], seen.derivatives[:-1])
     of_scale = lobe_images.scale_slopes(shown, of_leaves, places)
     slopes = lobe_images.slopes(shown, of_leaves, of_scale, found.slope, places)

@@ -19,6 +19,11 @@ MAX_LOBES = 30
 moving sequence takes more."""
 
 
+AUTO = "auto"
+FORM_NAMES = (AUTO, *map(str, Form))
+"""What a fit can be asked for by name; `AUTO` is the form None."""
+
+
 class Preset(StrEnum):
     """How a fit is made."""
 
@@ -32,6 +37,11 @@ class Preset(StrEnum):
     """Clausen et al. 2024 as published (paper.py)."""
 
 
+def form_of(name: str) -> Form | None:
+    """Return the form of one of `FORM_NAMES`; None for `AUTO`."""
+    return None if name == AUTO else Form(name)
+
+
 @dataclass(frozen=True)
 class FitOptions:
     """Settings of a fit.
@@ -39,7 +49,8 @@ class FitOptions:
     Attributes:
         lobes: Number of lobes; None for `LOBES` or, with a tolerance, for as many as it takes.
         preset: How.
-        form: Lobe function.
+        form: Lobe function; None lets `fast` and `best` choose: asg, or flat where that shows the
+            first frame better. `live` and `paper` then take asg.
         seed: Of the `paper` preset's start; the others draw no random numbers.
         device: Where torch computes: "cpu", "cuda", "cuda:1".
         paper_steps: Adam steps of the `paper` preset for the first and for each next frame.
@@ -51,7 +62,7 @@ class FitOptions:
 
     lobes: int | None = None
     preset: Preset = Preset.FAST
-    form: Form = Form.ASG
+    form: Form | None = Form.ASG
     seed: int = 0
     device: str = "cpu"
     paper_steps: tuple[int, int] = (paper.FIRST_FRAME_STEPS, paper.NEXT_FRAME_STEPS)

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from asglight.fitting import lobe_images, newton, objective
 from asglight.fitting.coordinates import BROAD, UNKNOWNS, advance
-from asglight.lobes import Form, Lobes
+from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import orthonormal
 
@@ -156,7 +156,7 @@ def halved(lobes: Lobes, lobe: int, gone: int, axis: int) -> Lobes:
     """
     axes, sharpness = lobes.axes.clone(), lobes.sharpness.clone()
     amplitude = lobes.amplitude.clone()
-    factor = 1.0 if lobes.form is Form.SG else 2.0
+    factor = asg.per_variance(lobes.form)
     sigma = min(1 / math.sqrt(factor * float(lobes.sharpness[lobe, axis])), 1.0)
     narrower = (lobes.sharpness[lobe, axis] + BROAD) / (1 - OFFSET**2) - BROAD
     for index, side in ((lobe, 1.0), (gone, -1.0)):

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from asglight.lobes import Form, Lobes, asg
+from asglight.lobes import Form, Lobes, asg, flat
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
 
@@ -225,6 +225,8 @@ def sharpness_from_variance(variance: Tensor, form: Form) -> Tensor:
     For a narrow lobe it is 1 / (2 variance) (sg: 1 / variance). For a broad one the hemisphere
     bounds x^2: the uniform asg has variance 1/4, which the exponential correction reproduces.
     """
+    if form is Form.FLAT:
+        return flat.VARIANCE * sharpness_from_variance(variance, Form.ASG)
     if form is Form.SG:
         return (1 / variance - 1).clamp(min=asg.SHARPNESS_MIN, max=asg.SHARPNESS_MAX)
     narrow = 1 / (2 * variance)
@@ -233,5 +235,7 @@ def sharpness_from_variance(variance: Tensor, form: Form) -> Tensor:
 
 
 def seed_lobes(source: Cells, count: int, form: Form, spread_deg: float) -> Lobes:
-    """Return starting lobes for a map's cells.  [N, .]."""
+    """Return starting lobes for a map's cells; flat ones are found as asg lobes.  [N, .]."""
+    if form is Form.FLAT:  # so measured; no other start was tried
+        return flat.as_flat(seed_lobes(source, count, Form.ASG, spread_deg))
     return expectation_maximisation(source, split(source, count, spread_deg), count, form)

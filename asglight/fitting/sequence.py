@@ -13,7 +13,7 @@ from asglight.fitting import first_frame, following, paper, paper_losses
 from asglight.fitting.first_frame import FrameFit, fit_first_frame, mean_radiance
 from asglight.fitting.following import fit_next_frame
 from asglight.fitting.options import FitOptions, Preset
-from asglight.lobes import Lobes, asg
+from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import canonical
 
 _EFFORT = {
@@ -52,7 +52,10 @@ def fit_frame(
         return _paper_frame(reference, options, previous, on_step)
     with one_thread(), torch.inference_mode():  # no record for derivatives: 7 % of a live frame
         if previous is None:
-            fit = fit_first_frame(reference, options.count, options.form, _EFFORT[options.preset])
+            form = options.form
+            if form is None and options.preset is Preset.LIVE:
+                form = Form.ASG
+            fit = fit_first_frame(reference, options.count, form, _EFFORT[options.preset])
             fit = replace(fit, lobes=canonical(fit.lobes))
         else:
             fit = fit_next_frame(reference, previous, earlier, _PURSUIT[options.preset])
@@ -77,7 +80,8 @@ def one_thread() -> Iterator[None]:
 def _paper_frame(
     reference: Tensor, options: FitOptions, previous: Lobes | None, on_step: StepCallback | None
 ) -> FrameFit:
-    start = previous or paper.start(reference, options.count, options.form, options.seed)
+    form = options.form or Form.ASG
+    start = previous or paper.start(reference, options.count, form, options.seed)
     steps = options.paper_steps[0 if previous is None else 1]
     report = None if on_step is None else (lambda step, loss: on_step(step, steps, loss))
     lobes = paper.fit_frame(reference, start, steps=steps, previous=previous, on_step=report)

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting.coordinates import BROAD, concentration
-from asglight.lobes import Form, Lobes, asg
+from asglight.lobes import Lobes, asg
 
 GAMMA = 0.003
 """Weight of T against J. Moving every lobe by its own width costs as much as 0.3 % of map error:
@@ -56,7 +56,7 @@ def prior(lobes: Lobes, gamma: float = GAMMA) -> Prior:
     """Hold lobes where they are.  [F, N, .]."""
     flux = asg.flux(lobes).sum(-1)
     share = gamma * flux / flux.sum(-1, keepdim=True).clamp(min=1e-37)
-    factor = 1.0 if lobes.form is Form.SG else 2.0
+    factor = asg.per_variance(lobes.form)
     width = (factor * lobes.sharpness).rsqrt().clamp(max=TILT_UNIT_MAX)  # [F, N, 2]
     shifted = lobes.sharpness + BROAD
     long = (shifted.amax(-1) / shifted.amin(-1)).sqrt() - shifted.amin(-1) / shifted.amax(-1)

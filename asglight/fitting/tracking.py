@@ -78,7 +78,7 @@ def found_again(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lobes |
     """
     own = asg.flux(lobes)
     total, _ = _moments(taken, frame)
-    factor = 1.0 if lobes.form is Form.SG else 2.0
+    factor = asg.per_variance(lobes.form)
     wide = torch.full_like(lobes.sharpness, 1 / (factor * REACH**2))
     lost = (total < LOST_SHARE * own.sum(-1) / (4 * math.pi)) & (lobes.sharpness > wide).all(-1)
     if not bool(lost.any()):

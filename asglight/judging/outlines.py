@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes
-from asglight.lobes.asg import flux
+from asglight.lobes.asg import flux, per_variance
 from asglight.sphere import latlong
 
 _POINTS = 361
@@ -56,7 +56,8 @@ def outline(axes: Tensor, sharpness: Tensor, form: Form) -> Tensor:
     even = torch.atan2(y, x) % (2 * math.pi)
     even[-1] = 2 * math.pi
     turn = torch.cat([turn, even]).sort().values
-    x, y = torch.cos(turn) / (2 * sharpness[0]).sqrt(), torch.sin(turn) / (2 * sharpness[1]).sqrt()
+    deviation = (per_variance(form) * sharpness).rsqrt()
+    x, y = torch.cos(turn) * deviation[0], torch.sin(turn) * deviation[1]
     z2 = 1 - x * x - y * y
     local = torch.stack([x, y, z2.clamp(min=0).sqrt()], dim=-1)
     return torch.where(z2[:, None] >= 0, local, math.nan) @ axes

@@ -17,7 +17,7 @@ from asglight.fitting import leaves, lobe_images, newton, objective, probes
 from asglight.fitting.coordinates import UNKNOWNS, advance
 from asglight.fitting.first_frame import exposed
 from asglight.fitting.grid import POWERS, Grid
-from asglight.lobes import Form, Lobes, asg
+from asglight.lobes import Lobes, asg
 from asglight.shading import kernels
 from asglight.sphere import latlong
 
@@ -95,7 +95,7 @@ def gradient_error(lobes: Lobes, radiance: Tensor) -> float | None:
 
 def _units(lobes: Lobes) -> Tensor:
     """Return a natural step of each coordinate, 0 where it is at a bound.  [1, N, 8]."""
-    widths = (1.0 if lobes.form is Form.SG else 2.0) * lobes.sharpness.double()
+    widths = asg.per_variance(lobes.form) * lobes.sharpness.double()
     tilt = widths.clamp(min=1).rsqrt()
     sharpness = lobes.sharpness.double()
     free = (sharpness > 1.1 * asg.SHARPNESS_MIN) & (sharpness < 0.9 * asg.SHARPNESS_MAX)

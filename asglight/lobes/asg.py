@@ -6,6 +6,7 @@ For a direction d write x = d.axis_x, y = d.axis_y, z = d.axis_z. With sharpness
     asg       max(z, 0) exp(-sx x^2 - sy y^2)     [Xu et al. 2013]
     bingham   exp(-sx x^2 - sy y^2)               [Clausen et al. 2024, taken literally]
     sg        exp(s (z - 1))
+    flat      max(z, 0) (1 - (1 - exp(-sx x^2 - sy y^2))^3), a sum of asg lobes (lobes/flat.py)
 
 Integrals over the sphere. In polar coordinates of the (x, y) disc, rho^2 = x^2 + y^2 and
 q(phi) = sx cos^2 phi + sy sin^2 phi, the radial integrals are closed forms of q: for the smooth
@@ -23,6 +24,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from asglight.lobes import flat
 from asglight.lobes.data import Form, Lobes
 
 SHARPNESS_MIN = 1e-3
@@ -52,6 +54,13 @@ class Moments(NamedTuple):
     def select(self, lobes: Tensor) -> "Moments":
         """Pick lobes by index or mask along N, as `Lobes.select`."""
         return Moments(self.zeroth[..., lobes], self.first[..., lobes], self.second[..., lobes, :])
+
+
+def per_variance(form: Form) -> float:
+    """Return 1 / (s E[x^2]) of narrow lobes of a form; s is the sharpness along x."""
+    if form is Form.FLAT:
+        return 2.0 / flat.VARIANCE
+    return 1.0 if form is Form.SG else 2.0
 
 
 def evaluate(lobes: Lobes, directions: Tensor) -> Tensor:
@@ -102,7 +111,9 @@ def local_values(lobes: Lobes, local: Tensor) -> Tensor:
         beside = (x * x + y * y) / (1 + z.clamp(min=0))
         return torch.exp(-sx * torch.where(z > 0, beside, 1 - z))
     gaussian = torch.exp(-sx * x * x - sy * y * y)
-    return gaussian * z.clamp(min=0) if lobes.form is Form.ASG else gaussian
+    if lobes.form is Form.FLAT:
+        gaussian = flat.values(gaussian)
+    return gaussian if lobes.form is Form.BINGHAM else gaussian * z.clamp(min=0)
 
 
 def integral(lobes: Lobes) -> Tensor:
@@ -111,7 +122,9 @@ def integral(lobes: Lobes) -> Tensor:
     Computed in float64 and returned in the dtype of the sharpness; differentiable.
     """
     sharpness = lobes.sharpness.double()
-    if lobes.form is Form.SG:
+    if lobes.form is Form.FLAT:
+        result = flat.summed(integral(flat.terms(lobes.to(torch.float64))), -1)
+    elif lobes.form is Form.SG:
         result = _sg_integral(sharpness[..., 0])
     else:
         around = _around(sharpness)
@@ -134,7 +147,10 @@ def moments(lobes: Lobes) -> Moments:
     Computed in float64 and returned in the dtype of the sharpness; differentiable.
     """
     sharpness = lobes.sharpness.double()
-    if lobes.form is Form.SG:
+    if lobes.form is Form.FLAT:
+        zeroth, first, second = moments(flat.terms(lobes.to(torch.float64)))
+        result = Moments(flat.summed(zeroth, -1), flat.summed(first, -1), flat.summed(second, -2))
+    elif lobes.form is Form.SG:
         result = sg_moments(sharpness[..., 0])
     else:
         result = _disc_moments(sharpness, smooth=lobes.form is Form.ASG)

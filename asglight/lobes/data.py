@@ -28,6 +28,8 @@ class Form(StrEnum):
     """`exp(-sx x^2 - sy y^2)` (Clausen et al. 2024, taken literally): the same at d and -d."""
     SG = "sg"
     """`exp(s (z - 1))`, isotropic; both sharpnesses hold s."""
+    FLAT = "flat"
+    """`max(z, 0) (1 - (1 - exp(-sx x^2 - sy y^2))^3)`: a lamp with an edge (lobes/flat.py)."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Lobes:
     Attributes:
         axes: Rows axis_x, axis_y, axis_z of a right-handed orthonormal frame.  [..., N, 3, 3]
         sharpness: (sx, sy), dimensionless, > 0.  [..., N, 2]
-        amplitude: Linear RGB radiance at axis_z, >= 0.  [..., N, 3]
+        amplitude: Linear RGB radiance at axis_z, >= 0 but for `flat.terms`.  [..., N, 3]
         form: The lobe function, the same for all lobes.
     """
 

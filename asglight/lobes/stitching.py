@@ -313,7 +313,7 @@ def _tilt(lobes: Lobes, others: Lobes) -> Tensor:
     whole = along.sum(-1, keepdim=True)
     # straight behind each other lobes have no plane between them; any is as good
     parts = torch.where(whole > 0, along / whole.clamp(min=torch.finfo(along.dtype).tiny), 0.5)
-    factor = 1.0 if lobes.form is Form.SG else 2.0  # exp(-s a^2) or, of the sg form, half of that
+    factor = asg.per_variance(lobes.form)  # 1 / E[x^2] for one of sharpness
     sharpness = ((lobes.sharpness + BROAD) * (others.sharpness + BROAD)).sqrt()
     sigma = torch.rad2deg((factor * sharpness).rsqrt())
     unit = (CARRIED_SIGMA * sigma).clamp(min=CARRIED_DEG)

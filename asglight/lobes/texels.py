@@ -6,7 +6,7 @@ over each texel that it reaches by Gauss and Legendre's rule, with as many nodes
 so its energy counts in full wherever it lies between the centres.
 
 Width means sigma = 1 / sqrt(2 sharpness), in radians, of the sharper axis; for the sg form
-sigma = 1 / sqrt(sharpness).
+sigma = 1 / sqrt(sharpness), for the flat form the deviation of the whole lobe.
 """
 
 import math
@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from asglight.lobes import asg
+from asglight.lobes import asg, flat
 from asglight.lobes.data import Form, Lobes
 from asglight.sphere import latlong
 
@@ -79,6 +79,8 @@ def texel_means(lobes: Lobes, height: int, width: int) -> Tensor:
 
 def unit_texel_means(lobes: Lobes, height: int, width: int) -> Tensor:
     """Return the mean of each unit-amplitude lobe over each texel.  [N, H * W]."""
+    if lobes.form is Form.FLAT:  # the terms are narrower than the lobe, each in its own way
+        return flat.summed(unit_texel_means(flat.terms(lobes), height, width), 0)
     directions = latlong.directions(
         height, width, dtype=lobes.sharpness.dtype, device=lobes.sharpness.device
     ).reshape(-1, 3)
@@ -97,7 +99,7 @@ def is_narrow(lobes: Lobes, height: int) -> Tensor:
 
 def lobe_width(lobes: Lobes) -> Tensor:
     """Return sigma of the sharper axis, in radians.  [..., N]."""
-    factor = 1.0 if lobes.form is Form.SG else 2.0
+    factor = asg.per_variance(lobes.form)
     return (factor * lobes.sharpness.amax(-1)).rsqrt()
 
 
@@ -155,7 +157,7 @@ def texels_reached(lobe: Lobes, grid: tuple[int, int]) -> Tensor:
     else:
         near_x, near_y = (x.abs() - margin).clamp(min=0), (y.abs() - margin).clamp(min=0)
         inside = sx * near_x.square() + sy * near_y.square() < CUTOFF
-        if lobe.form is Form.ASG:
+        if lobe.form is not Form.BINGHAM:
             inside &= z > -margin
     return texels[inside]
 

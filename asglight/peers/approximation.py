@@ -13,7 +13,7 @@ from torch import Tensor
 
 from asglight.lobes import Form, Lobes, texels
 
-LOBE_FLOATS = {Form.ASG: 8, Form.BINGHAM: 8, Form.SG: 6}
+LOBE_FLOATS = {Form.ASG: 8, Form.BINGHAM: 8, Form.SG: 6, Form.FLAT: 8}
 """Frame 3 and sharpnesses 2, or direction 2 and sharpness 1; and RGB 3."""
 
 

@@ -7,6 +7,7 @@ A sheet is a Gaussian on a flat disc laid over the sphere, under a window that d
     asg       1                           x, y                            max(z, 0)
     bingham   2, one along -axis_z        x, y                            z > 0
     sg        1                           x, y times sqrt(2 / (1 + z))    none
+    flat      3, its terms (lobes/flat)   x, y                            max(z, 0)
 
 The disc of the sg form keeps areas and covers the sphere: its radius squared is 2 (1 - z), so that
 an sg of sharpness s is `exp(-s/2 radius^2)` on it. The sharpness of a sheet is that on its disc.
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from asglight.lobes import Form, Lobes, asg
+from asglight.lobes import Form, Lobes, asg, flat
 
 
 class Window(StrEnum):
@@ -32,7 +33,12 @@ class Window(StrEnum):
     """1."""
 
 
-WINDOWS = {Form.ASG: Window.COSINE, Form.BINGHAM: Window.STEP, Form.SG: Window.NONE}
+WINDOWS = {
+    Form.ASG: Window.COSINE,
+    Form.BINGHAM: Window.STEP,
+    Form.SG: Window.NONE,
+    Form.FLAT: Window.COSINE,
+}
 
 
 class Sheets(NamedTuple):
@@ -73,8 +79,11 @@ def sheets(lobes: Lobes) -> Sheets:
         lobes: N lobes.  [..., N, .]
 
     Returns:
-        M = N sheets; of the bingham form 2 N, the twin of a lobe N later.
+        M = N sheets; of the bingham form 2 N, the twin of a lobe N later; of the flat form 3 N, in
+        the order of `flat.terms`.
     """
+    if lobes.form is Form.FLAT:
+        return sheets(flat.terms(lobes))
     moments = asg.moments(lobes)
     disc_variance = 0.5 / lobes.sharpness
     integral, first = moments.zeroth, moments.first
@@ -94,7 +103,12 @@ def sheets(lobes: Lobes) -> Sheets:
 
 
 def amplitudes(lobes: Lobes) -> Tensor:
-    """Return the linear RGB radiance of each sheet at its axis_z.  [..., M, 3]."""
+    """Return the linear RGB radiance of each sheet at its axis_z.  [..., M, 3].
+
+    That of a flat lobe's second term is negative.
+    """
+    if lobes.form is Form.FLAT:
+        return flat.terms(lobes).amplitude
     twice = (lobes.amplitude, lobes.amplitude)
     return torch.cat(twice, dim=-2) if lobes.form is Form.BINGHAM else lobes.amplitude
 

@@ -22,11 +22,10 @@ from typing import Any, BinaryIO, Self
 from asglight.errors import InputError
 from asglight.images.frame_files import ranges
 from asglight.images.message import shown
-from asglight.lobes import Form
 from asglight.shots.records import FrameRecord, from_json, line_from, parse_line, to_json
 
 FORMAT = "asglight checkpoint"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 SUFFIX = ".checkpoint"
 
 _FIRST_BYTES = b'{"record":{"format":"asglight checkpoint"'
@@ -152,7 +151,7 @@ class Checkpoint:
         records: list[FrameRecord] = []
         for index, record in enumerate(rest):
             try:
-                frame = from_json(record, Form(self._header["form"]))
+                frame = from_json(record)
             except (KeyError, TypeError, ValueError) as error:
                 raise self._damaged(index + 2) from error
             if index >= len(frames) or frame.frame != frames[index]:

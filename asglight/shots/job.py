@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from asglight.errors import InputError
-from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
+from asglight.fitting.options import FIT_HEIGHT, FORM_NAMES, FitOptions, Preset, form_of
 from asglight.images import Sequence, open_sequence
 from asglight.images.message import shown
 from asglight.images.sequence import Missing
@@ -151,7 +151,8 @@ def fit_sequence(
         source: A file, a folder, or a pattern such as `sky.####.exr`.
         lobes: Number of lobes, at most (None: 15); those that the shot does not need are left out.
         preset: How the fit is made: a value of `asglight.fitting.options.Preset`.
-        form: Lobe function: `asg`, `bingham` or `sg`.
+        form: Lobe function: `asg`, `bingham`, `sg` or `flat`; `auto` lets `fast` and `best` take
+            `flat` in place of `asg` where it shows the first frame better.
         seed: Of the presets that draw random numbers.
         device: Where torch computes: `cpu`, `cuda`, `cuda:1`.
         frames: Frames to use, such as `1001-1048`; None for all.
@@ -244,7 +245,7 @@ def _preset(name: str) -> Preset:
     return Preset(name)
 
 
-def _form(name: str) -> Form:
-    if name not in list(Form):
-        raise InputError(f"form: {shown(name)}; expected one of {', '.join(Form)}.")
-    return Form(name)
+def _form(name: str) -> Form | None:
+    if name not in FORM_NAMES:
+        raise InputError(f"form: {shown(name)}; expected one of {', '.join(FORM_NAMES)}.")
+    return form_of(name)

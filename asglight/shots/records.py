@@ -72,6 +72,7 @@ def to_json(record: FrameRecord) -> dict[str, Any]:
     """Return a frame as JSON values."""
     return {
         "frame": record.frame,
+        "form": str(record.lobes.form),
         "lobes": _text_from_lobes(record.lobes),
         "loss": record.loss,
         "flux_error": record.flux_error,
@@ -82,7 +83,7 @@ def to_json(record: FrameRecord) -> dict[str, Any]:
     }
 
 
-def from_json(record: dict[str, Any], form: Form) -> FrameRecord:
+def from_json(record: dict[str, Any]) -> FrameRecord:
     """Return the frame that `to_json` made JSON values of.
 
     Raises:
@@ -92,7 +93,7 @@ def from_json(record: dict[str, Any], form: Form) -> FrameRecord:
     repeats = record["repeats"]
     return FrameRecord(
         frame=_whole(record["frame"]),
-        lobes=_lobes_from_text(record["lobes"], form),
+        lobes=_lobes_from_text(record["lobes"], Form(record["form"])),
         loss=_number(record["loss"]),
         flux_error=_number(record["flux_error"]),
         repair=_repair(record["repair"]),

@@ -7,7 +7,7 @@ from typing import Any, BinaryIO
 
 from asglight.errors import InputError
 from asglight.images.message import shown
-from asglight.lobes import Form, LobeTracks
+from asglight.lobes import LobeTracks
 from asglight.lobes.growing import GrowingTracks
 from asglight.shots.checkpoint import FORMAT_VERSION, SUFFIX
 from asglight.shots.records import from_json, parse_line
@@ -64,7 +64,6 @@ class ShotWatch:
         self._offset = 0
         self._last_line = b""
         self._growing: GrowingTracks | None = None
-        self._form = Form.ASG
 
     def _read(self, stream: BinaryIO) -> None:
         """Take the whole lines that follow the last one that was taken."""
@@ -92,7 +91,7 @@ class ShotWatch:
             if self._growing is None:
                 self._growing = self._header(record)
             else:
-                self._growing.append(from_json(record, self._form).lobes)
+                self._growing.append(from_json(record).lobes)
         except (IndexError, KeyError, RuntimeError, TypeError, ValueError) as error:
             raise InputError(
                 f"{shown(self._checkpoint)}: a line is no frame of this asglight; expected a "
@@ -102,7 +101,6 @@ class ShotWatch:
     def _header(self, header: dict[str, Any]) -> GrowingTracks:
         if header["format_version"] != FORMAT_VERSION:
             raise ValueError(header["format_version"])
-        self._form = Form(header["form"])
         self.frames = tuple(header["frames"])
         metadata = {"source": os.path.basename(header["source"]), "preset": header["preset"]}
         return GrowingTracks(header["frames"], header["fps"], metadata)

@@ -10,7 +10,8 @@ hold narrower lobes, and what interpolation makes of them has the lobes' own sec
 - A smaller one is cut into points, and each point shared by the four texels around it, as
   interpolation would weigh them there. Sharing adds 1/6 square texel once more, so the lobe is
   narrowed twice as much, to a line or a point at the least. A point between two texels takes both,
-  and shows 1/4 square texel wider than one in the middle; nothing not negative is narrower.
+  and shows 1/4 square texel wider than one in the middle; nothing not negative is narrower. A flat
+  lobe so small is taken for an asg one: no texel can tell.
 
 Rows next to a pole count as all others; a renderer has no texel beyond them.
 """
@@ -57,6 +58,9 @@ def interpolated(lobes: Lobes, height: int) -> Tensor:
         gaussian = _as_asg(lobes.select(narrow))
         return _samples(lobes.select(~narrow), height) + interpolated(gaussian, height)
     small = width < SAMPLED_WIDTH_TEXELS * texel
+    if lobes.form is Form.FLAT and bool(small.any()):
+        alike = _as_asg(lobes.select(small))
+        return interpolated(lobes.select(~small), height) + interpolated(alike, height)
     sampled = _samples(narrowed(lobes.select(~small), texel, TENT), height)
     shared = torch.zeros(2 * height * height, 3, dtype=torch.float64)
     for index in small.nonzero().flatten():
@@ -69,7 +73,7 @@ def narrowed(lobes: Lobes, texel: float, squares: float) -> Lobes:
     """Take the variance of so many square texels from lobes, their flux kept.
 
     Args:
-        lobes: Lobes of the form asg or bingham.  [N, .]
+        lobes: Lobes of the form asg, bingham or flat.  [N, .]
         texel: Height of a row, in radians.
         squares: Variance along rows and columns, in square texels.
 
@@ -85,12 +89,14 @@ def narrowed(lobes: Lobes, texel: float, squares: float) -> Lobes:
     grid = torch.stack([east * level[..., None], torch.linalg.cross(axis_z, east)], dim=-2)
     across = lobes.axes[..., :2, :]
     along = across @ grid.mT  # [N, 2, 2]
-    variance = torch.diag_embed(0.5 / lobes.sharpness.clamp(min=asg.SHARPNESS_MIN))
+    per_variance = asg.per_variance(lobes.form)
+    variance = torch.diag_embed(1 / (per_variance * lobes.sharpness.clamp(min=asg.SHARPNESS_MIN)))
     variance -= squares * texel**2 * along @ along.mT
     values, vectors = torch.linalg.eigh(variance)
     axis_x = (vectors.mT @ across)[..., 0, :]
     axes = torch.stack([axis_x, torch.linalg.cross(axis_z, axis_x), axis_z], dim=-2)
-    sharpness = 0.5 / values.clamp(min=0.5 / asg.SHARPNESS_MAX)
+    narrowest = 1 / (per_variance * asg.SHARPNESS_MAX)
+    sharpness = 1 / (per_variance * values.clamp(min=narrowest))
     result = replace(lobes, axes=axes, sharpness=sharpness)
     ratio = asg.integral(lobes) / asg.integral(result)
     return replace(result, amplitude=lobes.amplitude * ratio[..., None])
@@ -103,9 +109,9 @@ def _samples(lobes: Lobes, height: int) -> Tensor:
 
 
 def _as_asg(lobes: Lobes) -> Lobes:
-    """Return narrow lobes of the form sg as such of the form asg, of the same flux."""
+    """Return narrow lobes as such of the form asg, of the same flux and variances."""
     found = replace(lobes.to("cpu", torch.float64), form=Form.ASG)
-    found = replace(found, sharpness=found.sharpness / 2)
+    found = replace(found, sharpness=found.sharpness * asg.per_variance(lobes.form) / 2)
     ratio = asg.integral(lobes.to("cpu", torch.float64)) / asg.integral(found)
     return replace(found, amplitude=found.amplitude * ratio[..., None])
 

@@ -4,7 +4,7 @@
 import math
 from dataclasses import replace
 
-from asglight.lobes import Form, Lobes, asg
+from asglight.lobes import Lobes, asg
 
 SIGMA_TEXELS = 0.5
 """Standard deviation, in texels, of the blur: sums over samples of a Gaussian this wide are within
@@ -22,7 +22,7 @@ def widened(lobes: Lobes, rows: int) -> Lobes:
         rows: Rows of the map.
     """
     variance = (SIGMA_TEXELS * math.pi / rows) ** 2
-    factor = 1.0 if lobes.form is Form.SG else 2.0
+    factor = asg.per_variance(lobes.form)
     sharpness = 1 / (1 / lobes.sharpness + factor * variance)
     wide = replace(lobes, sharpness=sharpness)
     share = asg.integral(lobes) / asg.integral(wide)

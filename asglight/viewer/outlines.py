@@ -10,6 +10,7 @@ that axis)^2:
               the larger is, its bands meet, and the edge is (sx - L) / t = (sx - sy) cos^2 phi +
               sx sin^2 phi about x and about -x, phi from y (x being the sharper axis)
     sg        1 - z = L / s
+    flat      h(q t) - ln(1 - t) / 2 = L about z, with h(s) = -ln(1 - (1 - exp(-s))^3): one root
 
 A lobe that never falls to the level has the great circle at right angles to its z axis instead.
 
@@ -17,6 +18,7 @@ Symbols: N lobes, C curves, K points of a curve. Polylines are latlong uv, [K, 2
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +30,7 @@ from asglight.lobes import Form, Lobes
 from asglight.sphere import latlong
 
 Array = NDArray[np.float64]
+Root = Callable[[Array, Array | float], Array]
 Polylines = tuple[Array, ...]
 
 HALF_PEAK = 0.5
@@ -101,8 +104,8 @@ def half_angles(lobes: Lobes, level: float = HALF_PEAK) -> Tensor:
         reached = half_sine_squared < 1
         angle = 2 * torch.asin(half_sine_squared.clamp(max=1).sqrt())
         return torch.where(reached, angle, math.pi / 2)
-    if lobes.form is Form.ASG:
-        squared = torch.from_numpy(_asg_squared_sine(sharpness.numpy(), drop))
+    if lobes.form in _SMOOTH:
+        squared = torch.from_numpy(_SMOOTH[lobes.form](sharpness.numpy(), drop))
     else:
         squared = (drop / sharpness).clamp(max=1)
     return torch.asin(squared.sqrt())
@@ -110,15 +113,15 @@ def half_angles(lobes: Lobes, level: float = HALF_PEAK) -> Tensor:
 
 @dataclass(frozen=True)
 class _Rings:
-    """Closed curves about an axis: t = c / (q0 cos^2 phi + q1 sin^2 phi), or the asg's root.
+    """Closed curves about an axis: t = c / (q0 cos^2 phi + q1 sin^2 phi), or a smooth form's root.
 
     Attributes:
         lobe: Index of the lobe.  [C]
         frames: Rows: where phi is 0, where it is a right angle, the axis.  [C, 3, 3]
         q: The two q.  [C, 2]
-        c: The c; L for an asg.  [C]
+        c: The c; L for a smooth form.  [C]
         side: 1, or -1 where the curve runs on the far side of the axis.  [C]
-        is_asg: Whether t is the root of the asg's equation.
+        root: Returns t for q and L; None where t is c over q.
     """
 
     lobe: NDArray[np.int64]
@@ -126,7 +129,7 @@ class _Rings:
     q: Array
     c: Array
     side: Array
-    is_asg: bool
+    root: Root | None
     parameter = np.linspace(0, 2 * math.pi, RING_SEGMENTS + 1)
     is_closed = True
 
@@ -142,7 +145,7 @@ class _Rings:
         return local @ self.frames[curves]
 
     def _squared_sine(self, q: Array, c: Array) -> Array:
-        return _asg_squared_sine(q, c) if self.is_asg else np.minimum(c / q, 1.0)
+        return np.minimum(c / q, 1.0) if self.root is None else self.root(q, c)
 
 
 @dataclass(frozen=True)
@@ -189,13 +192,13 @@ def _rings(lobes: Lobes, level: float) -> _Rings:
     drop = -math.log(level)
     index = np.arange(lobes.count)
     front = np.ones(lobes.count)
-    if lobes.form is Form.ASG:
-        return _Rings(index, axes, sharpness, drop * front, front, True)
+    if lobes.form in _SMOOTH:
+        return _Rings(index, axes, sharpness, drop * front, front, _SMOOTH[lobes.form])
     if lobes.form is Form.SG:
         half = drop / (2 * sharpness[:, 0])  # sin^2 of half the polar angle
         half = np.where(half < 1, half, 0.5)
         side = np.where(half <= 0.5, 1.0, -1.0)
-        return _Rings(index, axes, np.ones_like(sharpness), 4 * half * (1 - half), side, False)
+        return _Rings(index, axes, np.ones_like(sharpness), 4 * half * (1 - half), side, None)
     x_is_sharper = (sharpness[:, 0] >= sharpness[:, 1])[:, None]
     sharper = np.where(x_is_sharper, axes[:, 0], axes[:, 1])
     other = np.where(x_is_sharper, axes[:, 1], axes[:, 0])
@@ -209,7 +212,7 @@ def _rings(lobes: Lobes, level: float) -> _Rings:
     c = np.where(is_band, high - drop, np.where(never, 1.0, drop))
     twice = np.concatenate([index, index[~never]])  # both sides share one great circle
     side = np.concatenate([front, -front[~never]])
-    return _Rings(twice, frames[twice], q[twice], c[twice], side, False)
+    return _Rings(twice, frames[twice], q[twice], c[twice], side, None)
 
 
 def _asg_squared_sine(q: Array, drop: Array | float) -> Array:
@@ -223,6 +226,23 @@ def _asg_squared_sine(q: Array, drop: Array | float) -> Array:
         excess = q * t - 0.5 * np.log1p(-t) - drop
         t = t - excess / (q + 0.5 / (1 - t))
     return t
+
+
+def _flat_squared_sine(q: Array, drop: Array | float) -> Array:
+    """Solve h(q t) - ln(1 - t) / 2 = L, with h as convex as the asg's exponent, in the same way."""
+    drop = np.asarray(drop)
+    alone = -np.log1p(-np.cbrt(-np.expm1(-drop)))  # h(alone) = L
+    t = np.minimum(alone / q, -np.expm1(-2 * drop))
+    for _ in range(NEWTON_STEPS):
+        below, gaussian = -np.expm1(-q * t), np.exp(-q * t)
+        fallen = -np.log(gaussian * (3 - gaussian * (3 - gaussian)))
+        slope = 3 * below**2 / (3 - gaussian * (3 - gaussian))
+        t = t - (fallen - 0.5 * np.log1p(-t) - drop) / (q * slope + 0.5 / (1 - t))
+    return t
+
+
+_SMOOTH: dict[Form, Root] = {Form.ASG: _asg_squared_sine, Form.FLAT: _flat_squared_sine}
+"""Forms that fall to 0 at their horizon, so that their outline has no closed form."""
 
 
 def _of(polylines: list[list[Array]], owner: NDArray[np.int64], lobe: int) -> Polylines:

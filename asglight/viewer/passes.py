@@ -26,11 +26,11 @@ from asglight.viewer.display import (
     Display,
     ViewTransform,
 )
-from asglight.viewer.state import MAX_LOBES
+from asglight.viewer.state import MAX_LOBES, SHEETS_MAX
 
 DEFINES: Mapping[str, float] = {
     "MAX_LOBES": MAX_LOBES,
-    "MAX_SHEETS": 2 * MAX_LOBES,
+    "MAX_SHEETS": SHEETS_MAX,
     **CONSTANTS,
     "MIDDLE_GREY": MIDDLE_GREY,
     "FALSE_COLOUR_EV": FALSE_COLOUR_EV,

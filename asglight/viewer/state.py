@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from asglight.errors import InputError
-from asglight.lobes import Lobes, LobeTracks, asg
+from asglight.lobes import Form, Lobes, LobeTracks, asg, flat
 from asglight.viewer.balls import WHITE, Ball, Material, Rgb, ball_row
 from asglight.viewer.camera import Camera
 from asglight.viewer.display import (
@@ -31,8 +31,16 @@ from asglight.viewer.reference import Reference
 MAX_LOBES = 128
 """Lobes in a frame: 8 KiB of the 16 KiB that every OpenGL has for a uniform block."""
 
+SHEETS_MAX = 2 * MAX_LOBES
+"""Of all lobes together (shading/sheets.py): two of each of the bingham form, three of the flat."""
+
 INTENSITY_EV_MAX = 10.0
 """Stops by which the environment can be made brighter or darker."""
+
+
+def lobes_max(form: Form) -> int:
+    """Return how many lobes of a form the viewer holds."""
+    return SHEETS_MAX // len(flat.TERMS) if form is Form.FLAT else MAX_LOBES
 
 
 class Request(Enum):
@@ -159,7 +167,7 @@ class ViewerState:
             clock: Seconds on a steady clock, for playing.
 
         Raises:
-            InputError: There are more than MAX_LOBES lobes.
+            InputError: There are more lobes than `lobes_max`.
         """
         self.clock = clock
         self.display = Display()
@@ -184,11 +192,12 @@ class ViewerState:
         """Show other tracks; camera, display and environment stay as they are.
 
         Raises:
-            InputError: There are more than MAX_LOBES lobes.
+            InputError: There are more lobes than `lobes_max`.
         """
-        if tracks.lobes.count > MAX_LOBES:
+        most = lobes_max(tracks.lobes.form)
+        if tracks.lobes.count > most:
             raise InputError(
-                f"tracks: {tracks.lobes.count} lobes; expected at most {MAX_LOBES}, which is "
+                f"tracks: {tracks.lobes.count} lobes; expected at most {most}, which is "
                 "what the viewer holds. Fit fewer with --lobes."
             )
         self.history = EditHistory(tracks)

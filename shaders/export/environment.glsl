@@ -132,7 +132,7 @@ vec3 asglight_evaluate(vec3 direction) {
     for (int i = 0; i < ASG_LOBES; ++i) {
         radiance += asg_light[i].rgb * asg_unit(i, direction);
     }
-    return radiance;
+    return max(radiance, vec3(0.0));  // terms of flat lobes have both signs
 }
 
 // Return the irradiance of a surface with a unit normal. Matte, it shows albedo / pi times that.
@@ -142,7 +142,7 @@ vec3 asglight_irradiance(vec3 normal) {
         vec2 c = asg_cosine(i, normal);
         over_pi += asg_light[i].rgb * (asg_light[i].w * rectified_irradiance_over_pi(c.x, c.y));
     }
-    return PI * over_pi;
+    return PI * max(over_pi, vec3(0.0));
 }
 
 // Return what a GGX layer reflects of light that is the same from everywhere: its directional
@@ -155,7 +155,7 @@ vec3 asglight_albedo(float cos_view, float roughness, vec3 f0) {
 vec3 asglight_reflection(vec3 normal, vec3 view, float roughness, vec3 f0) {
     AsgLayer layer = asg_layer(roughness);
     vec3 albedo = asg_layer_albedo(dot(normal, view), layer.roughness, f0);
-    return asg_layer_radiance(normal, view, layer, f0, albedo);
+    return max(asg_layer_radiance(normal, view, layer, f0, albedo), vec3(0.0));
 }
 
 // Return what a surface shows, a GGX layer over a matte base: the linear radiance towards the
@@ -164,7 +164,7 @@ vec3 asglight_reflection(vec3 normal, vec3 view, float roughness, vec3 f0) {
 vec3 asglight_shade(vec3 normal, vec3 view, float roughness, vec3 f0, vec3 base) {
     AsgLayer layer = asg_layer(roughness);
     vec3 albedo = asg_layer_albedo(dot(normal, view), layer.roughness, f0);
-    vec3 radiance = asg_layer_radiance(normal, view, layer, f0, albedo);
+    vec3 radiance = max(asg_layer_radiance(normal, view, layer, f0, albedo), vec3(0.0));
     if (any(greaterThan(base, vec3(0.0)))) {
         radiance += (1.0 - albedo) * base * (asglight_irradiance(normal) / PI);
     }

@@ -6,6 +6,7 @@
 //   FORM_ASG      max(z, 0) exp(-sx x^2 - sy y^2)    [Xu et al. 2013]
 //   FORM_BINGHAM  exp(-sx x^2 - sy y^2)              [Clausen et al. 2024, taken literally]
 //   FORM_SG       exp(s (z - 1))
+//   FORM_FLAT     max(z, 0) (1 - (1 - exp(-sx x^2 - sy y^2))^3)    [docs/asg.md, 8]
 //
 // The FORM_ numbers come from asglight.lobes.Form.
 
@@ -28,7 +29,10 @@ float asg_unit_lobe(Lobe lobe, int form, vec3 direction) {
     float x = dot(lobe.axis_x.xyz, direction);
     float y = dot(lobe.axis_y.xyz, direction);
     float gaussian = exp(-lobe.axis_x.w * x * x - lobe.axis_y.w * y * y);
-    return form == FORM_ASG ? gaussian * max(dot(lobe.axis_z.xyz, direction), 0.0) : gaussian;
+    if (form == FORM_FLAT) {
+        gaussian *= 3.0 - gaussian * (3.0 - gaussian);
+    }
+    return form == FORM_BINGHAM ? gaussian : gaussian * max(dot(lobe.axis_z.xyz, direction), 0.0);
 }
 
 // Return the linear radiance that one lobe sends from a unit direction.

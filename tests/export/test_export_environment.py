@@ -46,6 +46,8 @@ CASES = [
     for form, is_round in (
         *((Form.ASG, False), (Form.ASG, True), (Form.BINGHAM, False), (Form.BINGHAM, True)),
         (Form.SG, True),
+        (Form.FLAT, False),
+        (Form.FLAT, True),
     )
 ]
 

@@ -231,7 +231,8 @@ def test_steps_respect_the_bounds(form: Form) -> None:
 def test_a_step_tilts_a_lobe_by_its_own_width_at_most(form: Form) -> None:
     lobes = random_lobes(form, count=20)
     narrow = (lobes.sharpness.amin(-1) > 10)[:, None]
-    width = ((1.0 if form is Form.SG else 2.0) * lobes.sharpness).rsqrt()
+    per_variance = {Form.SG: 1.0, Form.FLAT: 2 * 66 / 85}.get(form, 2.0)
+    width = (per_variance * lobes.sharpness).rsqrt()
     bound = (coordinates.TILT_MAX_WIDTHS * width).clamp(max=coordinates.TILT_MAX)
     for sign in (-1.0, 1.0):
         moved = advance(lobes, _step(20, tilt_x=sign * 9.0, tilt_y=sign * 9.0))

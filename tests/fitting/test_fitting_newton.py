@@ -13,10 +13,12 @@ from torch import Tensor
 from asglight.fitting import leaves as leaves_module
 from asglight.fitting import lobe_images, newton, objective, probes, temporal
 from asglight.fitting.coordinates import UNKNOWNS, advance
+from asglight.fitting.footprints import footprint
 from asglight.fitting.grid import POWERS, Grid, coarser, grid
 from asglight.fitting.leaves import leaves
 from asglight.fitting.probes import probe
 from asglight.lobes import Form, Lobes, texels
+from asglight.lobes import flat as flat_form
 from asglight.lobes.data import stack
 from asglight.sphere import latlong
 
@@ -119,10 +121,13 @@ def _dense_matrix(lobes: Lobes, frame: objective.Target, rows: int) -> Tensor:
     """
     shown = lobe_images.images(lobes.to(torch.float32), frame.places)
     misfit, places = objective.misfit(shown.radiance, frame), frame.places
-    of_leaves = lobe_images.footprint(lobes.to(torch.float32), [size for size, *_ in places.levels])
+    of_leaves = footprint(lobes.to(torch.float32), [size for size, *_ in places.levels])
     of_scale = lobe_images.scale_slopes(shown, of_leaves, places).double()
     exact = replace(shown, lobes=lobes, scale=shown.scale.double())
-    seen = lobe_images.footprint(lobes, [rows, *(size for size, *_ in places.levels[1:])])
+    if shown.terms is not None:
+        own, scale = flat_form.terms(lobes), shown.terms.scale.double()
+        exact = replace(exact, terms=replace(shown.terms, lobes=own, scale=scale))
+    seen = footprint(lobes, [rows, *(size for size, *_ in places.levels[1:])])
     coarse = grid(rows)
     coarse = replace(coarse, monomials=coarse.monomials.double(), share=coarse.share.double())
     levels = [lobe_images.grid_columns(lobes, seen, 0, coarse)]

@@ -109,7 +109,7 @@ def test_value_is_the_sum_over_lobes_of_share_times_way(form: Form) -> None:
     )
     turned[..., 2:5] = 0
     lobes = advance(before, turned)
-    factor = 1.0 if form is Form.SG else 2.0
+    factor = {Form.SG: 1.0, Form.FLAT: 2 * 66 / 85}.get(form, 2.0)
     found = temporal.value(lobes, held)
     for frame in range(2):
         flux = asg.flux(before)[frame].sum(-1)

@@ -44,7 +44,7 @@ def test_lobes_are_asg_by_default_and_cannot_be_changed() -> None:
 
 
 def test_forms_are_written_by_their_names() -> None:
-    assert [str(form) for form in Form] == ["asg", "bingham", "sg"]
+    assert [str(form) for form in Form] == ["asg", "bingham", "sg", "flat"]
 
 
 def test_axes_are_the_rows_of_the_frame() -> None:

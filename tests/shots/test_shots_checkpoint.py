@@ -137,7 +137,7 @@ def test_a_record_without_its_fields_is_damage(path: Path) -> None:
         ({"frames": [1, 2]}, r"made with frames 1, 2, 3, this run has 1, 2;"),
         ({"source": "/b.exr"}, r"made with source /a/sky\.####\.exr, this run has /b\.exr"),
         ({"layer": "diffuse"}, r"made with layer none, this run has diffuse"),
-        ({"format_version": 4}, r"made with format version 3, this run has 4"),
+        ({"format_version": 5}, r"made with format version 4, this run has 5"),
         ({"new_option": 3}, r"made with new option none, this run has 3; .* leave out --resume"),
     ],
 )

@@ -256,7 +256,7 @@ def test_fit_sequence_gives_the_tracks_of_fit_shot(source: Path, output: Path) -
     ("options", "message"),
     [
         ({"preset": "magic"}, "preset: magic; expected one of live, fast, best, paper"),
-        ({"form": "cube"}, "form: cube; expected one of asg, bingham, sg"),
+        ({"form": "cube"}, "form: cube; expected one of auto, asg, bingham, sg, flat"),
         ({"lobes": 0}, "lobes: 0"),
         ({"fps": -1.0}, "fps: -1"),
         ({"frames": "x"}, "frames: x; expected whole frames"),

@@ -2,6 +2,7 @@
 """Lobes on leaves, and what leaves see of them by other means than the fit."""
 
 import math
+from dataclasses import replace
 
 import torch
 from lobe_cases import DOUBLE
@@ -94,6 +95,13 @@ def seen_by_texels(
 
     A Gaussian of covariance (2 S)^-1 + T whose integral in the plane is the lobe's own.
     """
+    if lobes.form is Form.FLAT:  # z (3 E - 3 E^2 + E^3)
+        terms = [
+            replace(lobes, sharpness=k * lobes.sharpness, form=Form.ASG) for k in (1.0, 2.0, 3.0)
+        ]
+        held = replace(before, form=Form.ASG)
+        one, two, three = (seen_by_texels(term, held, rows, directions) for term in terms)
+        return 3 * one - 3 * two + three
     moment = texel_moment(before, rows)
     turn = before.axes[:, :2] @ lobes.axes[:, :2].mT  # of the new x and y, in the frame before
     across = turn @ lobes.axes[:, :2] @ directions.mT  # [N, 2, P]

@@ -67,10 +67,18 @@ def random_directions(count: int, seed: int = 0) -> torch.Tensor:
     return double(points / np.linalg.norm(points, axis=1, keepdims=True))
 
 
+def flat_top(gaussian: np.ndarray) -> np.ndarray:
+    """Return 1 - (1 - E)^3 with the digits of a small E."""
+    with np.errstate(divide="ignore"):  # E = 1, where log1p is -infinity and the value is 1
+        return -np.expm1(3 * np.log1p(-gaussian))
+
+
 def value_of(form: Form, axes: np.ndarray, s: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Evaluate the defining formula of one unit lobe in numpy.  [P]."""
     x, y, z = d @ axes[0], d @ axes[1], d @ axes[2]
     if form is Form.SG:
         return np.exp(s[0] * (z - 1))
     gaussian = np.exp(-s[0] * x**2 - s[1] * y**2)
+    if form is Form.FLAT:
+        return flat_top(gaussian) * np.maximum(z, 0)
     return gaussian * np.maximum(z, 0) if form is Form.ASG else gaussian

@@ -73,7 +73,12 @@ def test_version_is_first_then_the_constants(tmp_path: Path) -> None:
 
 
 def test_enum_members_are_numbered_in_their_order() -> None:
-    assert shader_files.enum_defines(Form) == {"FORM_ASG": 0, "FORM_BINGHAM": 1, "FORM_SG": 2}
+    assert shader_files.enum_defines(Form) == {
+        "FORM_ASG": 0,
+        "FORM_BINGHAM": 1,
+        "FORM_SG": 2,
+        "FORM_FLAT": 3,
+    }
     assert shader_files.enum_defines(ViewTransform) == {
         "VIEW_TRANSFORM_SRGB": 0,
         "VIEW_TRANSFORM_FILMIC": 1,

@@ -140,8 +140,14 @@ def relative_tolerance(lobes: Lobes, directions: Tensor, step: float) -> Tensor:
         sx, sy = lobes.sharpness[..., None].unbind(-2)
         exponent = sx * x**2 + sy * y**2
         slope = 2 * (sx * x + sy * y) * step + (sx + sy) * step**2
-        window = step / z.clamp(min=1e-30) if lobes.form is Form.ASG else torch.zeros_like(z)
+        window = step / z.clamp(min=1e-30)
+        if lobes.form is Form.BINGHAM:
+            window = torch.zeros_like(z)
     exponential = (3 + 2 * exponent) * 2 * ROUNDING + 6 * exponent * ROUNDING
+    if (
+        lobes.form is Form.FLAT
+    ):  # E (3 - E (3 - E)): its log has a slope of 1 or less, five roundings
+        exponential = exponential + 10 * ROUNDING  # of numbers up to three times the factor
     return torch.expm1(slope + exponential) + window + 4 * ROUNDING
 
 

@@ -76,7 +76,7 @@ def test_every_point_of_a_curve_is_at_the_level(form, level):
         lobe = lobes.select(torch.tensor([index]))
         reached = float(lobe.sharpness.max()) > (drop / 2 if form is Form.SG else drop)
         for curve in outline.curves:
-            if form is Form.ASG or reached:
+            if form in (Form.ASG, Form.FLAT) or reached:
                 # float64 rounding of uv times the slope of the sharpest lobe: 1e-15 * 3e3;
                 # of the thinnest band 1 - t is 7e-8, known to 2e-16
                 tolerance = 1e-8 if form is Form.BINGHAM else 1e-10
@@ -107,8 +107,13 @@ def test_a_round_lobe_has_a_circle_of_the_closed_form(form, sharpness):
     def asg_excess(angle: float) -> float:
         return math.cos(angle) * math.exp(-sharpness * math.sin(angle) ** 2) - 0.5
 
+    def flat_excess(angle: float) -> float:
+        gaussian = math.exp(-sharpness * math.sin(angle) ** 2)
+        return math.cos(angle) * (1 - (1 - gaussian) ** 3) - 0.5
+
     angle = {
         Form.ASG: brentq(asg_excess, 0, 1.5, xtol=1e-15),
+        Form.FLAT: brentq(flat_excess, 0, 1.5, xtol=1e-15),
         Form.BINGHAM: math.asin(math.sqrt(math.log(2) / sharpness)),
         Form.SG: math.acos(1 - math.log(2) / sharpness),
     }[form]
