@@ -19,7 +19,7 @@ from torch import Tensor
 from asglight.images import read_latlong
 from asglight.images.decode import read_header
 from asglight.images.strips import read_pixels
-from asglight.lobes import Form, Lobes
+from asglight.lobes import Form, Lobes, flat
 from asglight.sphere import latlong
 
 NODES_PER_RADIAN, NODES_MIN, NODES_MAX = 48, 10, 72
@@ -102,6 +102,7 @@ def _lobe(lobe: Lobes) -> Arriving:
         Form.ASG: gaussian * z.clamp(min=0),
         Form.BINGHAM: gaussian,
         Form.SG: torch.exp(sx * (z - 1)),
+        Form.FLAT: flat.values(gaussian) * z.clamp(min=0),
     }[lobe.form]
     weight = (value * x_max * wx[:, None] * t_max * wt).reshape(-1, 1)
     local = torch.stack([x.expand_as(y), y, z], dim=-1).reshape(-1, 3)

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A lobe as cards: rectangles of constant radiance with the lobe's flux and second moments.
 
-A sharp lobe is one card, and so is every flat lobe that is not too broad: it has a card's top and
-edge. A softer one is three about the same centre, whose sum has its shape. A
+A sharp lobe is one card. A softer one is three about the same centre, whose sum has its shape. A
 lobe too broad for them shines from the fill, a small dome that all broad lobes share. Where cards
 have a texture, a lobe that is not too broad is one card with it (asglight.usd.card_texture). Which
 of these holds for the whole shot, so no lobe pops.
@@ -166,8 +165,6 @@ def kinds(lobes: Lobes, *, textured: bool = False) -> list[Kind]:
     width = (weight * texels.lobe_width(lobes)).sum(0)
     single = square <= (TEXTURED_SQUARE if textured else SINGLE_SQUARE)
     one_card = Kind.TEXTURED if textured else Kind.SINGLE
-    if lobes.form is Form.FLAT:
-        single, one_card = torch.ones_like(single), Kind.SINGLE
     # The outer card would be wider than the widest, and the fill has texels for the narrow side.
     fits = width >= FILL_WIDTH_TEXELS * math.pi / FILL_HEIGHT
     fill = (square * _OUTER > _SQUARE_MAX) & fits

@@ -60,6 +60,7 @@ def test_file_alone_gives_the_radiance(tmp_path: Path, form: Form) -> None:
                 Form.ASG: np.maximum(z, 0) * np.exp(-sx * x**2 - sy * y**2),
                 Form.BINGHAM: np.exp(-sx * x**2 - sy * y**2),
                 Form.SG: np.exp(sx * (z - 1)),
+                Form.FLAT: np.maximum(z, 0) * (1 - (1 - np.exp(-sx * x**2 - sy * y**2)) ** 3),
             }[form]
             radiance += value[:, None] * lobe["amplitude"][index]
         # A float32 quaternion is off by 1e-7 radians; at the largest slope, sharpness 130, 1e-5.
@@ -133,7 +134,7 @@ DAMAGE = [
     ({"format": "other"}, 'is no lobe track file; expected "format"'),
     ({"version": 2}, "version 2; expected a number up to 1"),
     ({"version": True}, "version True"),
-    ({"form": "cube"}, "form 'cube'; expected one of asg, bingham, sg"),
+    ({"form": "cube"}, "form 'cube'; expected one of asg, bingham, sg, flat"),
     ({"form": {"a": 1}}, "form {'a': 1}"),
     ({"fps": 0}, "fps 0; expected a number above 0"),
     ({"fps": "24"}, "fps '24'"),

@@ -70,7 +70,9 @@ def facing_irradiance(tracks: LobeTracks, frame: int) -> Rgb:
         lobes.sharpness.double().numpy(), lobes.amplitude.double().numpy(), strict=True
     ):
         value = np.exp(-sx * x * x - sy * y * y)
-        if lobes.form is Form.ASG:
+        if lobes.form is Form.FLAT:
+            value = z[:, None] * (1 - (1 - value) ** 3)
+        elif lobes.form is Form.ASG:
             value = z[:, None] * value
         elif lobes.form is Form.SG:
             value = np.exp(sx * (z - 1))[:, None] * np.ones_like(x)

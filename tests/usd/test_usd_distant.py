@@ -33,6 +33,7 @@ def facing(form: Form, sx: float, sy: float) -> float:
             Form.ASG: z * gaussian,
             Form.BINGHAM: gaussian,
             Form.SG: math.exp(sx * (z - 1)),
+            Form.FLAT: z * (1 - (1 - gaussian) ** 3),
         }[form]
         return value * z * math.sin(theta)
 

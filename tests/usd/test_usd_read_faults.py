@@ -112,7 +112,7 @@ DAMAGES = {
     "sharpness": (change("asg:sharpness", Gf.Vec2f(0, 2)), r"is \(0, 2\) .*numbers above 0"),
     "amplitude": (change("asg:amplitude", Gf.Vec3f(1, -2, 0)), r"is \(1, -2, 0\) .* from 0 up"),
     "orient": (change("xformOp:orient", Gf.Quatf(0)), r"is \(0, 0, 0, 0\) .* a unit quaternion"),
-    "form": (form("cone"), "asg:form is asg, cone; expected one of asg, bingham, sg for all"),
+    "form": (form("cone"), "asg:form is asg, cone; expected one of asg, bingham, sg, flat for all"),
     "two forms": (form("sg"), "asg:form is asg, sg; expected one of"),
     "range": (lambda la: la.pseudoRoot.ClearInfo("endTimeCode"), "frame range 1001 to 0"),
     "rate": (lambda la: setattr(la, "timeCodesPerSecond", 0.0), "0 time codes a second"),
