@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--max-lobes", type=int, metavar="N", help=most)
     presets, made = [str(preset) for preset in Preset], "how the fit is made (default: %(default)s)"
     add("--preset", choices=presets, default=str(default.preset), help=made)
-    function = "lobe function; auto: flat or asg, whichever fits better (default: %(default)s)"
+    function = "lobe function; auto: asg, or flat if a still is better so (default: %(default)s)"
     add("--form", choices=FORM_NAMES, default=str(default.form), help=function)
     add_input_options(parser)
     part = "the shot's first frame, if --frames is a part of it: parts then have the same lobes"

@@ -49,8 +49,8 @@ class FitOptions:
     Attributes:
         lobes: Number of lobes; None for `LOBES` or, with a tolerance, for as many as it takes.
         preset: How.
-        form: Lobe function; None lets `fast` and `best` choose: asg, or flat where that shows the
-            first frame better. `live` and `paper` then take asg.
+        form: Lobe function; None lets `fast` and `best` choose for a still: asg, or flat where that
+            shows it better. `live`, `paper` and shots of several frames then take asg.
         seed: Of the `paper` preset's start; the others draw no random numbers.
         device: Where torch computes: "cpu", "cuda", "cuda:1".
         paper_steps: Adam steps of the `paper` preset for the first and for each next frame.
@@ -75,8 +75,17 @@ class FitOptions:
         """Number of lobes of one fit."""
         return LOBES if self.lobes is None else self.lobes
 
-    def settled(self) -> Self:
-        """Return the same settings with every number that they leave open."""
+    def settled(self, frames: int) -> Self:
+        """Return the same settings with every number that they leave open.
+
+        The form is chosen for a still alone: flat lobes that follow lamps can lose them, and cost
+        more of irr than they gain of env (docs/fitting.md).
+
+        Args:
+            frames: Of the shot.
+        """
+        is_still = frames == 1 and self.preroll is None
+        settled = self if is_still else replace(self, form=self.form or Form.ASG)
         if self.tolerance is None:
-            return replace(self, lobes=self.count)
-        return replace(self, max_lobes=self.max_lobes or MAX_LOBES)
+            return replace(settled, lobes=self.count)
+        return replace(settled, max_lobes=self.max_lobes or MAX_LOBES)

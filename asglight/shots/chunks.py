@@ -137,7 +137,7 @@ class Parts:
         first = None if len(pieces) == 1 else sequence.frames[0]
         self.parts = [self._part(piece, first) for piece in pieces]
         self.frames = sum(map(len, pieces))
-        options = shot.options.settled()
+        options = shot.options.settled(len(sequence.frames))
         header = {**settings_of(sequence, options, shot.fps), "chunk": length}
         images = [list(stamp_of(sequence, frame)) for frame in sequence.frames]
         self._open(header, sequence, images, resume, on_progress)
@@ -286,7 +286,8 @@ def follow_to(part: Part, known: Followed | None) -> Followed | None:
     Raises:
         InputError: A frame cannot be read.
     """
-    return follow(opened(part.shot), part.shot.options.settled(), known)
+    sequence = opened(part.shot)
+    return follow(sequence, part.shot.options.settled(len(sequence.frames)), known)
 
 
 def fit_part(part: Part, known: Followed | None, on_progress: OnProgress) -> None:

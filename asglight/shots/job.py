@@ -110,7 +110,7 @@ def fit_shot(
         colorspace=input_colorspace,
     )
     check_preroll(options, sequence.frames[0])
-    options = options.settled()
+    options = options.settled(len(sequence.frames))
     header = header_of(settings_of(sequence, options, fps))
     path = output.with_name(output.name + SUFFIX)
     with Checkpoint(path, header, resume=resume) as checkpoint:
@@ -152,7 +152,7 @@ def fit_sequence(
         lobes: Number of lobes, at most (None: 15); those that the shot does not need are left out.
         preset: How the fit is made: a value of `asglight.fitting.options.Preset`.
         form: Lobe function: `asg`, `bingham`, `sg` or `flat`; `auto` lets `fast` and `best` take
-            `flat` in place of `asg` where it shows the first frame better.
+            `flat` in place of `asg` for a still that it shows better.
         seed: Of the presets that draw random numbers.
         device: Where torch computes: `cpu`, `cuda`, `cuda:1`.
         frames: Frames to use, such as `1001-1048`; None for all.
@@ -187,7 +187,7 @@ def fit_sequence(
         layer=layer,
         colorspace=input_colorspace,
     )
-    shot = fitted_shot(sequence, options.settled(), InMemory(), on_progress)
+    shot = fitted_shot(sequence, options.settled(len(sequence.frames)), InMemory(), on_progress)
     return tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
 
 

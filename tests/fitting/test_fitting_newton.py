@@ -114,10 +114,7 @@ def test_gauss_newton_matrix_is_symmetric_and_positive() -> None:
 def _dense_matrix(lobes: Lobes, frame: objective.Target, rows: int) -> Tensor:
     """Return the Gauss-Newton matrix in float64, summed over cells of `rows` rows and texels.
 
-    Args:
-        lobes: In float64.  [F, N, .]
-        frame: The maps and their weights.
-        rows: Rows of the cells; they carry the weights of the frame's cells.
+    Lobes are in float64, [F, N, .]; the cells carry the weights of the frame's cells.
     """
     shown = lobe_images.images(lobes.to(torch.float32), frame.places)
     misfit, places = objective.misfit(shown.radiance, frame), frame.places
@@ -125,8 +122,8 @@ def _dense_matrix(lobes: Lobes, frame: objective.Target, rows: int) -> Tensor:
     of_scale = lobe_images.scale_slopes(shown, of_leaves, places).double()
     exact = replace(shown, lobes=lobes, scale=shown.scale.double())
     if shown.terms is not None:
-        own, scale = flat_form.terms(lobes), shown.terms.scale.double()
-        exact = replace(exact, terms=replace(shown.terms, lobes=own, scale=scale))
+        own = replace(shown.terms, lobes=flat_form.terms(lobes), scale=shown.terms.scale.double())
+        exact = replace(exact, terms=own)
     seen = footprint(lobes, [rows, *(size for size, *_ in places.levels[1:])])
     coarse = grid(rows)
     coarse = replace(coarse, monomials=coarse.monomials.double(), share=coarse.share.double())

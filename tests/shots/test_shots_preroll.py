@@ -103,7 +103,7 @@ def test_a_resumed_part_is_the_unbroken_one_byte_for_byte(
 
 
 def test_stretches_that_are_handed_on_are_one_preroll(source: Path) -> None:
-    options = replace(LIVE, preset=Preset.FAST, preroll=1001).settled()
+    options = replace(LIVE, preset=Preset.FAST, preroll=1001).settled(2)
     near, far = (
         open_sequence(source, frames=frames, height=FIT_HEIGHT)
         for frames in ("1012-1014", "1017-1020")

@@ -4,6 +4,7 @@ import json
 import math
 import struct
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -75,7 +76,14 @@ def test_a_clean_repair_and_an_infinite_loss_come_back() -> None:
     again = from_json(parsed)
     assert again.repair == Repair()
     assert again.loss == math.inf
-    assert again.lobes.form is Form.SG
+    assert again.lobes.form is record.lobes.form
+
+
+@pytest.mark.parametrize("form", list(Form))
+def test_a_frame_names_its_form(form: Form) -> None:
+    record = shot_files.record(2)
+    record = replace(record, lobes=replace(record.lobes, form=form))
+    assert from_json(to_json(record)).lobes.form is form
 
 
 @pytest.mark.parametrize("position", [0, 12, 60, -20, -2, -1])

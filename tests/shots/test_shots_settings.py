@@ -13,6 +13,7 @@ import asglight
 from asglight.errors import InputError
 from asglight.fitting.options import LOBES, MAX_LOBES, FitOptions, Preset
 from asglight.images import open_sequence
+from asglight.lobes import Form
 from asglight.shots.settings import check_fps, check_options, check_output, settings_of
 
 
@@ -57,10 +58,17 @@ def test_the_defaults_and_the_limits_are_accepted() -> None:
 
 
 def test_settled_options_leave_no_number_open() -> None:
-    assert FitOptions().settled() == FitOptions(lobes=LOBES)
-    assert FitOptions(lobes=4).settled() == FitOptions(lobes=4)
-    assert FitOptions(tolerance=0.1).settled() == FitOptions(tolerance=0.1, max_lobes=MAX_LOBES)
-    assert FitOptions(tolerance=0.1, max_lobes=9).settled().max_lobes == 9
+    assert FitOptions().settled(1) == FitOptions(lobes=LOBES)
+    assert FitOptions(lobes=4).settled(1) == FitOptions(lobes=4)
+    assert FitOptions(tolerance=0.1).settled(1) == FitOptions(tolerance=0.1, max_lobes=MAX_LOBES)
+    assert FitOptions(tolerance=0.1, max_lobes=9).settled(1).max_lobes == 9
+
+
+def test_the_form_is_left_open_for_a_still_alone() -> None:
+    assert FitOptions(form=None).settled(1).form is None
+    assert FitOptions(form=None).settled(2).form is Form.ASG
+    assert FitOptions(form=None, preroll=1001).settled(1).form is Form.ASG  # a part of a shot
+    assert FitOptions(form=Form.FLAT).settled(2).form is Form.FLAT
 
 
 def test_cuda_without_a_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -118,8 +118,10 @@ def test_narrow_lobes_have_the_texture_and_broad_ones_have_not():
 
 
 def textured(form: Form = Form.ASG) -> LobeTracks:
-    """Return a lamp, a sun and a line."""
+    """Return a lamp, a sun and a line, no wider of the flat form than of the asg."""
     shapes = [(60.0, 40.0), (8e3, 8e3), (900.0, 30.0)]
+    if form is Form.FLAT:
+        shapes = [(x * 85 / 66, y * 85 / 66) for x, y in shapes]
     if form is Form.SG:
         shapes = [(x, x) for x, _ in shapes]
     return still(shapes, form=form)
