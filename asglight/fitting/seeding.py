@@ -235,7 +235,7 @@ def sharpness_from_variance(variance: Tensor, form: Form) -> Tensor:
 
 
 def seed_lobes(source: Cells, count: int, form: Form, spread_deg: float) -> Lobes:
-    """Return starting lobes for a map's cells; flat ones are found as asg lobes.  [N, .]."""
+    """Return starting lobes for a map's cells; flat ones are found as asg.  [N, .]."""
     if form is Form.FLAT:  # so measured; no other start was tried
         return flat.as_flat(seed_lobes(source, count, Form.ASG, spread_deg))
     return expectation_maximisation(source, split(source, count, spread_deg), count, form)

@@ -38,6 +38,9 @@ def test_more_lobes_than_the_viewer_holds_are_refused() -> None:
     lobes = Lobes(torch.eye(3).expand(1, 129, 3, 3), torch.ones(1, 129, 2), torch.ones(1, 129, 3))
     with pytest.raises(InputError, match=r"^tracks: 129 lobes; expected at most 128"):
         ViewerState(LobeTracks((1,), 24.0, lobes))
+    flat = Lobes(lobes.axes[:, :86], lobes.sharpness[:, :86], lobes.amplitude[:, :86], Form.FLAT)
+    with pytest.raises(InputError, match=r"^tracks: 86 lobes; expected at most 85"):
+        ViewerState(LobeTracks((1,), 24.0, flat))
 
 
 def test_the_brightest_lobe_is_selected_at_first(two_lamps: LobeTracks) -> None:
