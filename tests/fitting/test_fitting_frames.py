@@ -36,8 +36,8 @@ def test_seeding_keeps_the_flux_of_every_channel(form: Form) -> None:
     radiance = torch.rand(32, 64, 3, generator=torch.Generator().manual_seed(0)) ** 8
     lobes = seeding.seed_lobes(seeding.cells(radiance), 15, form, spread_deg=4.0)
     flux = asg.flux(lobes).double().sum(0)
-    # flat lobes take the place of asg ones by the rule of narrow lobes: broad ones, as of this noise,
-    # have up to a tenth more or less light, which the first steps mend
+    # flat lobes take the place of asg ones by the rule of narrow lobes: broad ones, as of this
+    # noise, have up to a tenth more or less light, which the first steps mend
     bound = 0.1 if form is Form.FLAT else 1e-5
     torch.testing.assert_close(flux, flux_of(radiance), rtol=bound, atol=0)
 

@@ -30,6 +30,8 @@ def test_radiance_at_directions_is_the_lobe_function(
     unit = torch.exp(-30.0 * sin * sin)
     if form is Form.SG:
         unit = torch.exp(30.0 * (cos - 1))
+    elif form is Form.FLAT:
+        unit = (1 - (1 - unit) ** 3) * cos
     elif form is Form.ASG:
         unit = unit * cos
     expected = unit[:, None] * torch.tensor([2.0, 1.0, 0.0], dtype=torch.float64)
