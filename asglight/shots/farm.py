@@ -316,7 +316,7 @@ def _client(distributed: Any, address: str, on_progress: OnProgress) -> Iterator
             cluster = distributed.LocalCluster(
                 n_workers=int(count or os.cpu_count() or 1),
                 threads_per_worker=1,
-                dashboard_address=None,
+                dashboard_address=":0",
                 silence_logs=logging.ERROR,
             )
             target = stack.enter_context(cluster)

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shots on a Dask cluster: what one machine writes by hand, whatever happens on the way."""
 
+import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -30,10 +32,20 @@ PARTS = ("1001-1010", "1007-1018", "1015-1024")
 """Three parts of 24 frames: 8 each and 2 more at each side of a seam."""
 
 
+@pytest.fixture(scope="module", autouse=True)
+def other_cluster() -> Iterator[None]:
+    """Take the port on which Dask shows a cluster, as another cluster on this machine does."""
+    with socket.socket() as taken:
+        with contextlib.suppress(OSError):  # another program has it: as well
+            taken.bind(("", 8787))
+            taken.listen()
+        yield
+
+
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
     ) as cluster:
         yield cluster.scheduler_address
 
