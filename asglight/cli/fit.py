@@ -176,7 +176,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
     worst = max(frames, key=lambda row: abs(row["flux_error"]))
     numbers = frame_range([row["frame"] for row in frames])
     lines = [
-        f"{document['output']}: {counted(document['lobes'], 'lobe')}, "
+        f"{document['output']}: {counted(document['lobes'], 'lobe')} of form {document['form']}, "
         f"{counted(len(frames), 'frame')} ({numbers}) at {document['fps']:g} fps, "
         f"{size(document['bytes'])}, fitted in {duration(document['seconds'])}",
         f"flux error: at most {percent(worst['flux_error'])} (frame {worst['frame']})",

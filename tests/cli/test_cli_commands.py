@@ -47,7 +47,7 @@ def test_fit_prints_progress_on_one_stream_and_the_result_on_the_other(
     assert err.startswith("frame 1001 (1/4)  loss ")
     assert err.endswith("refined 4/4\n")
     first, second, *_ = out.splitlines()
-    assert first.startswith(f"{stage}: 2 lobes, 4 frames (1001-1004) at 23.976 fps, ")
+    assert first.startswith(f"{stage}: 2 lobes of form asg, 4 frames (1001-1004) at 23.976 fps, ")
     assert second.startswith("flux error: at most ")
     assert read_usd(stage).fps == pytest.approx(24000 / 1001)
 
