@@ -26,7 +26,7 @@ FIELDS = {
     ".usdz": (b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06", b"TOKENS\0", b"PATHS\0", b"SPECS\0"),
     ".npy": (b"descr", b"fortran_order", b"shape", b"NUMPY"),
     ".json": (b'"frames"', b'"fps"', b'"form"', b'"lobes"', b'"quaternion"', b'"version"'),
-    ".checkpoint": (b'"lobes"', b'"repair"', b'"frame"', b'"stamp"', b'"frames"'),
+    ".checkpoint": (b'"lobes"', b'"form"', b'"repair"', b'"frame"', b'"stamp"', b'"frames"'),
 }
 """Where the fields of a format begin, by suffix: damage is done near them."""
 
