@@ -69,7 +69,7 @@ STIFF = (
     _ratio(1e7, 1e-3, LONG, HELD),
     *(
         _stiff(f"{form}-{s:g}", f"form {form}, sharpness {s:g}", _one(s, form), form=form)
-        for form in (Form.SG, Form.BINGHAM)
+        for form in (Form.SG, Form.BINGHAM, Form.FLAT)
         for s in (1e-3, 1e2, 1e7)
     ),
     _stiff(
@@ -182,6 +182,7 @@ RECOVERY = (
     ),
     _found("one-seam", "on the seam", lambda: [lobe(toward(180, -20), 80.0, 3.0)], 1),
     _found("one-sg", "form sg, sharpness 50", _one(50.0, Form.SG), 1, Form.SG),
+    _found("one-flat", "form flat, 50 by 10", _one((50.0, 10.0), Form.FLAT), 1, Form.FLAT),
     _found(
         "one-bingham",
         "form bingham, 50 by 10",
