@@ -89,47 +89,47 @@ def from_json(record: dict[str, Any]) -> FrameRecord:
     Raises:
         KeyError, TypeError, ValueError: The values are not such a frame.
     """
-    size, time = (_whole(value) for value in record["stamp"])
+    size, time = (whole(value) for value in record["stamp"])
     repeats = record["repeats"]
     return FrameRecord(
-        frame=_whole(record["frame"]),
+        frame=whole(record["frame"]),
         lobes=_lobes_from_text(record["lobes"], Form(record["form"])),
-        loss=_number(record["loss"]),
-        flux_error=_number(record["flux_error"]),
+        loss=number(record["loss"]),
+        flux_error=number(record["flux_error"]),
         repair=_repair(record["repair"]),
         stamp=(size, time),
-        seconds=_number(record["seconds"]),
-        repeats=None if repeats is None else _whole(repeats),
+        seconds=number(record["seconds"]),
+        repeats=None if repeats is None else whole(repeats),
     )
 
 
 def _repair(values: dict[str, Any]) -> Repair:
     first = values["first"]
     if first is not None:
-        row, column = map(_whole, first)
+        row, column = map(whole, first)
         first = (row, column)
     return Repair(
-        negative=_whole(values["negative"]),
-        nonfinite=_whole(values["nonfinite"]),
-        negative_flux_ratio=_number(values["negative_flux_ratio"]),
+        negative=whole(values["negative"]),
+        nonfinite=whole(values["nonfinite"]),
+        negative_flux_ratio=number(values["negative_flux_ratio"]),
         first=first,
-        filled_from=tuple(map(_whole, values["filled_from"])),
+        filled_from=tuple(map(whole, values["filled_from"])),
         fault=str(values["fault"]),
     )
 
 
-def _whole(value: Any) -> int:
+def whole(value: Any) -> int:
     """Return a whole number of 64 bits; what is none is a fault of the line."""
     if type(value) is not int or abs(value) >= 2**63:
         raise ValueError(value)
     return value
 
 
-def _number(value: Any) -> float:
+def number(value: Any) -> float:
     """Return a float; JSON writes one without a fraction as a whole number."""
     if type(value) is float:
         return value
-    return float(_whole(value))
+    return float(whole(value))
 
 
 def own_frames(records: list[FrameRecord]) -> list[FrameRecord]:

@@ -10,7 +10,7 @@ from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.lobes.growing import GrowingTracks
 from asglight.shots.checkpoint import FORMAT_VERSION, SUFFIX
-from asglight.shots.records import from_json, parse_line
+from asglight.shots.records import from_json, number, parse_line, whole
 
 
 class ShotWatch:
@@ -101,6 +101,6 @@ class ShotWatch:
     def _header(self, header: dict[str, Any]) -> GrowingTracks:
         if header["format_version"] != FORMAT_VERSION:
             raise ValueError(header["format_version"])
-        self.frames = tuple(header["frames"])
+        self.frames = tuple(map(whole, header["frames"]))
         metadata = {"source": os.path.basename(header["source"]), "preset": header["preset"]}
-        return GrowingTracks(header["frames"], header["fps"], metadata)
+        return GrowingTracks(self.frames, number(header["fps"]), metadata)

@@ -156,6 +156,8 @@ def test_a_real_fit_is_seen_frame_by_frame(stage: Path) -> None:
     [
         [line_from(HEADER | {"format_version": 1})],
         [line_from({"format": "asglight checkpoint"})],
+        [line_from(HEADER | {"frames": [1001, [], 1003]}), *LINES[1:]],
+        [line_from(HEADER | {"fps": "24"}), *LINES[1:]],
         [LINES[0], line_from({"frame": 1001})],
         [*LINES, LINES[1]],
         [
@@ -164,7 +166,15 @@ def test_a_real_fit_is_seen_frame_by_frame(stage: Path) -> None:
             line_from(to_json(shot_files.record(1, lobes=shot_files.lobes(1, 5)))),
         ],
     ],
-    ids=["another version", "no header", "no frame", "too many frames", "other lobes"],
+    ids=[
+        "another version",
+        "no header",
+        "no frame number",
+        "no rate",
+        "no frame",
+        "too many frames",
+        "other lobes",
+    ],
 )
 def test_what_is_no_checkpoint_of_this_version_is_refused(stage: Path, lines: list[bytes]) -> None:
     checkpoint(stage).write_bytes(b"".join(lines))
