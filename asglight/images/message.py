@@ -13,8 +13,11 @@ LISTED_MAX = 8
 
 
 def shown(path: str | Path) -> str:
-    """Return a path as one printable line, whatever bytes its name holds."""
-    text = os.fsencode(path).decode("utf-8", "replace")
+    """Return a path, or a text from a file, as one printable line, whatever it holds."""
+    try:
+        text = os.fsencode(path).decode("utf-8", "replace")
+    except UnicodeEncodeError:  # half a surrogate pair, as JSON may hold: no path
+        text = str(path)
     return "".join(character if character.isprintable() else "?" for character in text)
 
 

@@ -136,6 +136,7 @@ def test_a_record_without_its_fields_is_damage(path: Path) -> None:
         ({"lobes": 7}, r"made with lobes 2, this run has 7"),
         ({"frames": [1, 2]}, r"made with frames 1, 2, 3, this run has 1, 2;"),
         ({"source": "/b.exr"}, r"made with source /a/sky\.####\.exr, this run has /b\.exr"),
+        ({"source": "\ud800"}, r"this run has \?; expected the same"),  # as damaged JSON may hold
         ({"layer": "diffuse"}, r"made with layer none, this run has diffuse"),
         ({"format_version": 5}, r"made with format version 4, this run has 5"),
         ({"new_option": 3}, r"made with new option none, this run has 3; .* leave out --resume"),
