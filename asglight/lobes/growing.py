@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lobe tracks of a shot that is still being fitted."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -23,8 +24,13 @@ class GrowingTracks:
             frames: Every frame there will be, ascending.
             fps: Frames per second.
             metadata: Of the tracks.
+
+        Raises:
+            ValueError: The frames are not ascending.
         """
         self.frames = tuple(frames)
+        if any(later <= before for before, later in itertools.pairwise(self.frames)):
+            raise ValueError("frames: not ascending")
         self.count = 0
         self._fps = fps
         self._metadata = metadata
