@@ -2,11 +2,9 @@
 """`benchmarks/fit.py`: what it writes and prints, and the arithmetic behind its tables."""
 
 import contextlib
-import importlib
 import io
 import json
 import math
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,21 +13,18 @@ from typing import Any
 import matplotlib.image
 import pytest
 import torch
+from bench_scripts import script
 
 from asglight.images import write_exr
 from asglight.lobes import Lobes
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
-if not BENCHMARKS.is_dir():
-    pytest.skip("benchmarks/ is in the repository alone", allow_module_level=True)
-sys.path.insert(0, str(BENCHMARKS))
-fit = importlib.import_module("fit")
-fit_following = importlib.import_module("fit_following")
-fit_leaving_out = importlib.import_module("fit_leaving_out")
-fit_measures = importlib.import_module("fit_measures")
-fit_tables = importlib.import_module("fit_tables")
+fit = script("fit")
+fit_following = script("fit_following")
+fit_leaving_out = script("fit_leaving_out")
+fit_measures = script("fit_measures")
+fit_tables = script("fit_tables")
 
 PICTURES = ("accuracy.png", "curves.png", "following.png")
 PAPER_STEPS, LOBES, FRAMES = 12, 4, 3

@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """`benchmarks/method.py` and `docs_figures.py`: the arithmetic of tables, the page of captions."""
 
-import importlib
 import json
 import math
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from bench_scripts import script
 from lobe_cases import sky_and_sun
 from PIL import Image
 
@@ -21,19 +19,8 @@ from asglight.images import write_exr
 from asglight.judging.metrics import METRIC_NAMES
 from asglight.lobes import Form
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
-if not BENCHMARKS.is_dir():
-    pytest.skip("benchmarks/ is in the repository alone", allow_module_level=True)
-sys.path.insert(0, str(BENCHMARKS))
-method = importlib.import_module("method")
-docs_figures = importlib.import_module("docs_figures")
-
-
-@pytest.fixture(autouse=True)
-def path_as_before() -> Iterator[None]:
-    yield
-    if str(BENCHMARKS) in sys.path:
-        sys.path.remove(str(BENCHMARKS))
+method = script("method")
+docs_figures = script("docs_figures")
 
 
 def errors(value: float, **others: float) -> dict[str, float]:

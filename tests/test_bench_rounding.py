@@ -5,35 +5,22 @@ The bounds of float32 against float64 hold on the built-in environment; docs/fit
 figures of real maps.
 """
 
-import importlib
 import math
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from bench_scripts import script
 from lobe_cases import sky_and_sun
 
 from asglight.cli import built_in
 from asglight.images import write_exr
 from asglight.lobes import Form
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
-if not BENCHMARKS.is_dir():
-    pytest.skip("benchmarks/ is in the repository alone", allow_module_level=True)
-sys.path.insert(0, str(BENCHMARKS))
-rounding = importlib.import_module("rounding")
-ridge = importlib.import_module("ridge")
-lean_path = importlib.import_module("lean_path")
-
-
-@pytest.fixture(autouse=True)
-def path_as_before() -> Iterator[None]:
-    yield
-    if str(BENCHMARKS) in sys.path:
-        sys.path.remove(str(BENCHMARKS))
+rounding = script("rounding")
+ridge = script("ridge")
+lean_path = script("lean_path")
 
 
 def exponent_rounding(rows: int) -> float:

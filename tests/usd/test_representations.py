@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """`benchmarks/representations.py`: its lights against closed forms, and its tables."""
 
-import importlib
 import math
-import sys
-from pathlib import Path
 
 import pytest
 import torch
+from bench_scripts import script
 from pxr import Gf, Usd, UsdGeom, UsdLux
 from usd_tracks import moving, still
 
@@ -16,12 +14,8 @@ from asglight.lobes import Form, asg
 from asglight.sphere import latlong
 from asglight.usd import card_texture, write_usd
 
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
-if not BENCHMARKS.is_dir():
-    pytest.skip("benchmarks/ is in the repository alone", allow_module_level=True)
-sys.path.insert(0, str(BENCHMARKS))
-lights = importlib.import_module("representations_lights")
-representations = importlib.import_module("representations")
+lights = script("representations_lights")
+representations = script("representations")
 
 
 def irradiance(arriving, normal: tuple[float, float, float]) -> float:
