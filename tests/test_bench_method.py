@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`benchmarks/method.py` and `docs_figures.py`: the arithmetic of tables, the page of captions."""
+"""`benchmarks/method.py`, `growth.py`, `docs_figures.py`: arithmetic of tables, the captions."""
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,13 @@ from PIL import Image
 from asglight.cli.progress import Lines
 from asglight.fitting.paper_losses import Loss
 from asglight.images import write_exr
+from asglight.judging.bench_plan import Effort, plan_of
 from asglight.judging.metrics import METRIC_NAMES
 from asglight.lobes import Form
 
 method = script("method")
 docs_figures = script("docs_figures")
+growth = script("growth")
 
 
 def errors(value: float, **others: float) -> dict[str, float]:
@@ -126,3 +129,27 @@ def test_pictures_keep_their_looks_in_few_colours(tmp_path: Path) -> None:
     blocks = [image.reshape(12, 10, 12, 10, 3).mean((1, 3)) for image in (before, after)]
     # dither keeps means; what is left is what it carries over a block's edge
     assert np.abs(blocks[0] - blocks[1]).max() < 12
+
+
+def test_growth_alone_is_measured_and_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = replace(plan_of(Effort.QUICK, 2), widths=(32, 64, 128), frame_counts=(1, 2, 3))
+    monkeypatch.setattr(growth, "plan_of", lambda effort: few)
+    write_exr(tmp_path / "sky.exr", sky_and_sun(20.0, 32))
+    target = tmp_path / "growth.json"
+    assert growth.main([str(tmp_path / "sky.exr"), "-o", str(target)]) == 0
+    found = json.loads(target.read_text())
+    assert found["texels"]["methods"]["fast"]["sizes"] == [512, 2048, 8192]
+    told = capsys.readouterr().out.splitlines()
+    assert told[0] == "| texels | 512 | 2,048 | 8,192 | exponent |"
+    assert told[-4] == "| frames | 1 | 2 | 3 | exponent |"
+    seconds = found["frames"]["methods"]["live, a next frame"]["cpu_seconds"]
+    assert seconds == sorted(seconds)
+    assert told[-2].startswith(f"| live, a next frame, CPU s | {seconds[0]:.2f} | ")
+
+
+def test_growth_without_a_law_or_memory_has_dashes() -> None:
+    measured = {"sizes": [10, 20], "cpu_seconds": [1.0, 1234.5], "peak_bytes": [None, None]}
+    account = {"unit": "lobes", "methods": {"em": measured | {"law": None}}}
+    assert growth.table(account).splitlines()[2:] == ["| em, CPU s | 1.00 | 1234.50 | – |"]
