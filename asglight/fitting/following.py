@@ -131,9 +131,10 @@ def fit_next_frame(
     outcome = _started(before, earlier, coarse, leash, width_min)
     if bool(dark.any()):
         sent = _send_free_lobes(outcome.lobes[0], dark, whole)
-        outcome = replace(outcome, lobes=sent[None])
+        outcome = replace(outcome, lobes=sent[None], shown=None)
     held = temporal.prior(outcome.lobes)
     outcome = _stepped(outcome, coarse, effort.coarse, held, leash, width_min)
+    outcome = replace(outcome, shown=None)  # now on the leaves of the whole map
     outcome = _stepped(outcome, whole, effort.whole, held, leash, width_min)
     if float(outcome.value) > SUSPECT_LOSS:
         outcome = _stepped(outcome, whole, FAST.whole, held, leash, width_min)
@@ -142,9 +143,7 @@ def fit_next_frame(
         fresh = fit_first_frame(reference, previous.count, previous.form)
         if fresh.loss < CUT_GAIN * loss:
             return fresh
-    shown = lobe_images.images(outcome.lobes, whole.places)
-    lit = light.relight(shown, replace(whole, corners=LIGHT), passes=1).lobes[0]
-    lit = align(lit, before)
+    lit = align(_relit(outcome, whole), before)
     if effort.sends:
         competing = replace(coarse, corners=effort.whole[-1].corners)
         going = resent(lit, before, competing, width_min)
@@ -167,15 +166,18 @@ def _without(
         Leash(leash.axis_z[rest], leash.cosine[rest]),
         width_min,
     )
-    shown = lobe_images.images(outcome.lobes, frame.places)
-    lit = light.relight(shown, replace(frame, corners=LIGHT), passes=1).lobes[0]
-
     found = lobes.clone()
-    for index, part in ((rest, lit), (torch.tensor([going.index]), going.lobe)):
+    for index, part in ((rest, _relit(outcome, frame)), (torch.tensor([going.index]), going.lobe)):
         found.axes[index] = part.axes
         found.sharpness[index] = part.sharpness
         found.amplitude[index] = part.amplitude
     return found
+
+
+def _relit(outcome: newton.Outcome, frame: objective.Target) -> Lobes:
+    """Return the lobes with the last solution for their light.  [N, .]."""
+    shown = outcome.shown or lobe_images.images(outcome.lobes, frame.places)
+    return light.relight(shown, replace(frame, corners=LIGHT), passes=1).lobes[0]
 
 
 def _coarse(frame: Exposed, corners: Corners) -> objective.Target:
@@ -193,7 +195,10 @@ def _stepped(
     leash: Leash,
     width_min: float,
 ) -> newton.Outcome:
-    """Take the steps of each level in turn, the temporal term on."""
+    """Take the steps of each level in turn, the temporal term on.
+
+    What the outcome shows, if anything, is on the frame's leaves.
+    """
     for level in levels:
         outcome = newton.minimise(
             outcome.lobes,
@@ -204,6 +209,7 @@ def _stepped(
             matrices=level.matrices,
             width_min=width_min,
             leash=leash,
+            shown=outcome.shown,
         )
     return outcome
 
@@ -248,7 +254,8 @@ def _started(
     pair = frame.repeated(2)
     lit = light.relight(shown[[still_best, count + after_best]], pair, passes=1)
     value = objective.value(lit.radiance, pair)
-    return newton.Outcome(lit.lobes, value, torch.full_like(value, DAMPING_START)).best()
+    damping = torch.full_like(value, DAMPING_START)
+    return newton.Outcome(lit.lobes, value, damping, lit).best()
 
 
 def _at(lobes: Lobes, axis_z: Tensor) -> Lobes:

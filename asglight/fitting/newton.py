@@ -23,7 +23,7 @@ from asglight.fitting.coordinates import UNKNOWNS, Leash, advance
 from asglight.fitting.footprints import Footprint, footprint
 from asglight.fitting.grid import cell_sums, coarser, grid
 from asglight.fitting.lobe_images import COLUMNS, Images
-from asglight.fitting.objective import Misfit
+from asglight.fitting.objective import Misfit, Sizes
 from asglight.fitting.probes import CURVATURE_ROWS, probe
 from asglight.lobes import Lobes, asg
 
@@ -45,24 +45,30 @@ class Outcome:
         lobes: The lobes.  [F, N, .]
         value: J with the temporal terms.  [F]
         damping: The damping of the next step.  [F]
+        shown: The lobes on the frame's leaves, where they are known.
     """
 
     lobes: Lobes
     value: Tensor
     damping: Tensor
+    shown: Images | None = None
 
     def best(self) -> "Outcome":
         """Return the frame with the least J, for frames that are the same.  F = 1."""
         index = self.value.argmin(keepdim=True)
-        return Outcome(self.lobes[index], self.value[index], self.damping[index])
+        shown = None if self.shown is None else self.shown[index]
+        return Outcome(self.lobes[index], self.value[index], self.damping[index], shown)
 
 
 @dataclass(frozen=True)
 class _State:
-    """Lobes on their leaves, J there, and J with the temporal terms."""
+    """Lobes on their leaves, J there, and J with the temporal terms.
+
+    J's slope is taken where a step starts, not where one was tried: many steps are not taken.
+    """
 
     shown: Images
-    misfit: Misfit
+    sizes: Sizes
     value: Tensor
 
 
@@ -78,6 +84,7 @@ def minimise(
     leash: Leash | None = None,
     tolerance: float = TOLERANCE,
     on_step: OnStep | None = None,
+    shown: Images | None = None,
 ) -> Outcome:
     """Take at most `steps` steps, fewer where no frame gains any more.
 
@@ -93,8 +100,9 @@ def minimise(
         leash: Bounds on the directions.
         tolerance: Stop when the step of each frame lowers J by less than this share of it.
         on_step: Called with the lobes after each step.
+        shown: The lobes on the frame's leaves, where they are known.
     """
-    state = _judged(lobes, frame, priors)
+    state = _judged(shown or lobe_images.images(lobes, frame.places), frame, priors)
     damping = torch.as_tensor(damping, dtype=torch.float64, device=lobes.axes.device)
     damping = damping.expand(len(state.value))
     gradient: Tensor | None = None
@@ -107,7 +115,8 @@ def minimise(
         elif gradient is None:
             gradient = _gradient(state, frame, priors)
         step = _solve(hessian, gradient, state.shown.lobes, damping)
-        tried = _judged(advance(state.shown.lobes, step, width_min, leash), frame, priors)
+        ahead = advance(state.shown.lobes, step, width_min, leash)
+        tried = _judged(lobe_images.images(ahead, frame.places), frame, priors)
         better = tried.value < state.value
         finished = better & (state.value - tried.value < tolerance * state.value)
         damping = torch.where(
@@ -123,15 +132,14 @@ def minimise(
             on_step(state.shown.lobes)
         if not waits and bool((finished | (damping >= DAMPING_MAX)).all()):
             break
-    return Outcome(state.shown.lobes, state.value, damping)
+    return Outcome(state.shown.lobes, state.value, damping, state.shown)
 
 
-def _judged(lobes: Lobes, frame: objective.Target, priors: Sequence[temporal.Prior]) -> _State:
-    shown = lobe_images.images(lobes, frame.places)
-    found = objective.misfit(shown.radiance, frame)
+def _judged(shown: Images, frame: objective.Target, priors: Sequence[temporal.Prior]) -> _State:
+    found = objective.sizes(shown.radiance, frame)
     value = found.value
     for prior in priors:
-        value = value + temporal.value(lobes, prior)
+        value = value + temporal.value(shown.lobes, prior)
     return _State(shown, found, value)
 
 
@@ -141,12 +149,16 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
     def of(new: Tensor, old: Tensor) -> Tensor:
         return torch.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
-    pairs = zip(tried.misfit.probe_weights, before.misfit.probe_weights, strict=True)
-    found = Misfit(
-        of(tried.misfit.value, before.misfit.value),
-        of(tried.misfit.slope, before.misfit.slope),
-        of(tried.misfit.env_weight, before.misfit.env_weight),
-        tuple(of(*pair) for pair in pairs),
+    def of_all(new: tuple[Tensor, ...], old: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+        return tuple(of(*pair) for pair in zip(new, old, strict=True))
+
+    new, old = tried.sizes, before.sizes
+    found = Sizes(
+        of(new.value, old.value),
+        of(new.parts, old.parts),
+        of(new.texels, old.texels),
+        of_all(new.views, old.views),
+        of_all(new.seen, old.seen),
     )
     shown = lobe_images.chosen(better, tried.shown, before.shown)
     return _State(shown, found, of(tried.value, before.value))
@@ -155,7 +167,8 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
 def _equations(
     state: _State, frame: objective.Target, priors: Sequence[temporal.Prior]
 ) -> tuple[Tensor, Tensor]:
-    hessian, gradient = normal_equations(state.shown, state.misfit, frame)
+    found = objective.misfit(state.shown.radiance, frame, state.sizes)
+    hessian, gradient = normal_equations(state.shown, found, frame)
     for prior in priors:
         curvature, slope = temporal.slopes(state.shown.lobes, prior)
         torch.diagonal(hessian, dim1=-2, dim2=-1).add_(curvature)
@@ -168,7 +181,8 @@ def _gradient(state: _State, frame: objective.Target, priors: Sequence[temporal.
     lobes = state.shown.lobes
     seen = footprint(lobes, [rows for rows, _, _ in frame.places.levels])
     of_scale = lobe_images.scale_slopes(state.shown, seen, frame.places)
-    found = lobe_images.slopes(state.shown, seen, of_scale, state.misfit.slope, frame.places)
+    slope = objective.misfit(state.shown.radiance, frame, state.sizes).slope
+    found = lobe_images.slopes(state.shown, seen, of_scale, slope, frame.places)
     gradient = found.double().flatten(1)
     for prior in priors:
         gradient = gradient + temporal.slopes(lobes, prior)[1]

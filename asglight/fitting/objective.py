@@ -97,6 +97,25 @@ class Target:
 
 
 @dataclass(frozen=True)
+class Sizes:
+    """phi of every error of a reconstruction, and J, which is a sum of them.
+
+    Attributes:
+        value: J, less its constant: 0 for a perfect fit.  [F]
+        parts: phi on the parts of each cell.  [F, K, C]
+        texels: phi on the texels.  [F, Q]
+        views: What each probe shows wrong.  One [F, 3, D] a probe
+        seen: phi of that.  One [F, D] a probe
+    """
+
+    value: Tensor
+    parts: Tensor
+    texels: Tensor
+    views: tuple[Tensor, ...]
+    seen: tuple[Tensor, ...]
+
+
+@dataclass(frozen=True)
 class Misfit:
     """J of a reconstruction, and how it changes.
 
@@ -151,53 +170,52 @@ def _parts(reference: Tensor, places: Leaves) -> Tensor:
 
 def value(radiance: Tensor, frame: Target) -> Tensor:
     """Return J, less its constant: 0 for a perfect fit.  [F, 3, P] -> [F]."""
+    return sizes(radiance, frame).value
+
+
+def sizes(radiance: Tensor, frame: Target) -> Sizes:
+    """Return J of reconstructions, with the sizes of all errors in it.  [F, 3, P]."""
     places, cells = frame.places, frame.places.count
-    part = phi(radiance[:, None, :, :cells] - frame.parts, frame.env_corner[:, None, None])
-    error = (places.cell_share * part.mean(1)).sum(-1)
+    part = radiance[:, None, :, :cells] - frame.parts
+    parts = phi(part, frame.env_corner[:, None, None])  # [F, K, C]
+    error = (places.cell_share * parts.mean(1)).sum(-1)
     residual = radiance - frame.radiance
+    texels = phi(residual[..., cells:], frame.env_corner[:, None])
     if places.texel.shape[-1]:
-        texel = phi(residual[..., cells:], frame.env_corner[:, None])
-        error = error + (places.texel_share * texel).sum(-1)
+        error = error + (places.texel_share * texels).sum(-1)
     total = ENV_WEIGHT * (error / frame.env_scale - frame.corners.env)
-    shared = zip(_probed(residual, frame), _view_weights(frame), strict=True)
-    for index, (view, share) in enumerate(shared):
+    views = probe(leaves.to_cells(residual, places), places.rows)
+    seen = []
+    for index, (view, share) in enumerate(zip(views, _view_weights(frame), strict=True)):
         corner = frame.probe_corner(index)[:, None]
-        total = total + (share * (phi(view, corner) - corner)).sum(-1)
-    return total
+        seen.append(phi(view, corner))
+        total = total + (share * (seen[-1] - corner)).sum(-1)
+    return Sizes(total, parts, texels, views, tuple(seen))
 
 
-def misfit(radiance: Tensor, frame: Target) -> Misfit:
-    """Return J, its slope and the weights of its majoriser for reconstructions.  [F, 3, P]."""
+def misfit(radiance: Tensor, frame: Target, found: Sizes | None = None) -> Misfit:
+    """Return J, its slope and the weights of its majoriser for reconstructions.
+
+    Args:
+        radiance: Reconstructions on the leaves.  [F, 3, P]
+        frame: The maps.
+        found: Their `sizes`, where they are known.
+    """
+    found = found or sizes(radiance, frame)
     places, cells = frame.places, frame.places.count
     share = places.share * (ENV_WEIGHT / frame.env_scale)[:, None]
     part = radiance[:, None, :, :cells] - frame.parts
-    size = phi(part, frame.env_corner[:, None, None])  # [F, K, C]
-    weight = share[:, None, :cells] / (size.shape[1] * size)
-    total = (share[:, :cells] * size.mean(1)).sum(-1) - ENV_WEIGHT * frame.corners.env
+    weight = share[:, None, :cells] / (found.parts.shape[1] * found.parts)
     slope, env_weight = (part * weight[:, :, None]).sum(1), weight.sum(1)
-    residual = radiance - frame.radiance
     if places.texel.shape[-1]:
-        texels = residual[..., cells:]
-        size = phi(texels, frame.env_corner[:, None])
-        weight = share[:, cells:] / size
-        total = total + (share[:, cells:] * size).sum(-1)
-        slope = torch.cat([slope, texels * weight[:, None]], dim=-1)
+        weight = share[:, cells:] / found.texels
+        residual = radiance[..., cells:] - frame.radiance[..., cells:]
+        slope = torch.cat([slope, residual * weight[:, None]], dim=-1)
         env_weight = torch.cat([env_weight, weight], dim=-1)
-    weights: list[Tensor] = []
-    pulled: list[Tensor] = []
-    shared = zip(_probed(residual, frame), _view_weights(frame), strict=True)
-    for index, (view, view_share) in enumerate(shared):
-        corner = frame.probe_corner(index)[:, None]
-        size = phi(view, corner)
-        total = total + (view_share * (size - corner)).sum(-1)
-        weights.append(view_share / size)
-        pulled.append(view * weights[-1][:, None])
+    weights = [one / size for one, size in zip(_view_weights(frame), found.seen, strict=True)]
+    pulled = [view * one[:, None] for view, one in zip(found.views, weights, strict=True)]
     slope = slope + leaves.from_cells(pull(tuple(pulled), places.rows), places)
-    return Misfit(total, slope, env_weight, tuple(weights))
-
-
-def _probed(residual: Tensor, frame: Target) -> tuple[Tensor, ...]:
-    return probe(leaves.to_cells(residual, frame.places), frame.places.rows)
+    return Misfit(found.value, slope, env_weight, tuple(weights))
 
 
 def _view_weights(frame: Target) -> list[Tensor]:
@@ -223,12 +241,12 @@ def placed(radiance: Tensor, frame: Target) -> Tensor:
     residual = radiance - frame.radiance
     error = frame.places.share * (phi(residual, corner) - corner)
     total = error * (ENV_WEIGHT / frame.env_scale)[:, None]
-    sizes = []
-    shared = zip(_probed(residual, frame), _view_weights(frame), strict=True)
-    for index, (view, share) in enumerate(shared):
+    lying = []
+    views = probe(leaves.to_cells(residual, frame.places), frame.places.rows)
+    for index, (view, share) in enumerate(zip(views, _view_weights(frame), strict=True)):
         corner = frame.probe_corner(index)[:, None]
-        sizes.append((share * (phi(view, corner) - corner))[:, None])
-    pulled = pull(tuple(sizes), frame.places.rows)
+        lying.append((share * (phi(view, corner) - corner))[:, None])
+    pulled = pull(tuple(lying), frame.places.rows)
     return total + leaves.from_cells(pulled, frame.places)[:, 0]
 
 
