@@ -39,6 +39,7 @@ FORMS = {
     (Form.SG, 20): "sg, 20 lobes, 120 floats",
     (Form.ASG, 15): "asg, 15 lobes, 120 floats",
     (Form.BINGHAM, 15): "bingham, 15 lobes, 120 floats",
+    (Form.FLAT, 15): "flat, 15 lobes, 120 floats",
 }
 
 REPEATS = 5
