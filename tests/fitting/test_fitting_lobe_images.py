@@ -112,11 +112,9 @@ def test_integrals_of_narrow_lobes_are_exact(form: Form, sharpness: tuple[float,
     # sums in float32, of terms three times as large as a flat lobe is; the bingham form's integral
     # is Dawson's series, to 3 / (4 s^2) + 15 / (8 s^3)
     s = min(sharpness)
-    bound = (
-        3e-5
-        if form is Form.FLAT
-        else 1e-5 + (3 / (4 * s**2) + 15 / (8 * s**3) if form is Form.BINGHAM else 0)
-    )
+    bound = 3e-5 if form is Form.FLAT else 1e-5
+    if form is Form.BINGHAM:
+        bound += 3 / (4 * s**2) + 15 / (8 * s**3)
     torch.testing.assert_close(
         _flux(lobes, refined_leaves()), asg.integral(lobes), rtol=bound, atol=0
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The gradient against differences, the matrix against a dense sum; minima; frames side by side."""
+"""The gradient against differences, the matrix against a dense sum; minima."""
 
 import itertools
 import math
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from lobe_cases import DOUBLE, flat, lamps, noise, random_lobes, shown, target
+from lobe_cases import DOUBLE, KNOWN, alike, flat, lamps, noise, random_lobes, shown, target
 from torch import Tensor
 
 from asglight.fitting import leaves as leaves_module
@@ -19,13 +19,7 @@ from asglight.fitting.leaves import leaves
 from asglight.fitting.probes import probe
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes import flat as flat_form
-from asglight.lobes.data import stack
 from asglight.sphere import latlong
-
-
-def _alike(form: Form, count: int = 5, seeds: tuple[int, ...] = (0,)) -> Lobes:
-    """Return random lobes of a frame for each seed, in float32.  [F, N, .]."""
-    return stack([random_lobes(form, count, seed) for seed in seeds]).to(torch.float32)
 
 
 def _equations(lobes: Lobes, frame: objective.Target) -> tuple[Tensor, Tensor]:
@@ -105,7 +99,7 @@ def test_gradient_of_narrow_lobes_on_texels_is_that_of_the_loss(form: Form) -> N
 
 
 def test_gauss_newton_matrix_is_symmetric_and_positive() -> None:
-    hessian, _ = _equations(_alike(Form.ASG, seeds=(0, 4)), target(noise(64, 2), 32, 8))
+    hessian, _ = _equations(alike(Form.ASG, seeds=(0, 4)), target(noise(64, 2), 32, 8))
     torch.testing.assert_close(hessian, hessian.mT, rtol=1e-4, atol=1e-6)  # float32 sums
     values = torch.linalg.eigvalsh((hessian + hessian.mT) / 2)
     assert bool((values.amin(-1) > -1e-5 * values.amax(-1)).all())  # float32 sums
@@ -165,7 +159,7 @@ def _off_by(found: Tensor, expected: Tensor) -> float:
 @pytest.mark.parametrize("case", [(24, 24, 0), (64, 64, 0), (128, 64, 16)])
 def test_matrix_is_the_dense_sum_over_its_cells(form: Form, case: tuple[int, int, int]) -> None:
     height, rows, refined = case
-    lobes, maps = _alike(form, seeds=(2, 5)), noise(height, 2)
+    lobes, maps = alike(form, seeds=(2, 5)), noise(height, 2)
     if refined:  # narrow ones, where there are texels
         lobes = replace(lobes, sharpness=300 * lobes.sharpness)
         means = [texels.texel_means(lobes[one], height, 2 * height) for one in (0, 1)]
@@ -178,7 +172,7 @@ def test_matrix_is_the_dense_sum_over_its_cells(form: Form, case: tuple[int, int
 
 @pytest.mark.parametrize("form", list(Form))
 def test_matrix_of_wide_lobes_is_the_one_summed_over_every_leaf(form: Form) -> None:
-    lobes, frame = _alike(form, seeds=(2,)), target(noise(128), 64, 16)
+    lobes, frame = alike(form, seeds=(2,)), target(noise(128), 64, 16)
     wide = texels.lobe_width(lobes[0]) >= 1.5 * math.pi / newton.CURVATURE_ROWS
     lobes = lobes.select(wide)
     assert lobes.count >= 3
@@ -186,9 +180,6 @@ def test_matrix_of_wide_lobes_is_the_one_summed_over_every_leaf(form: Form) -> N
     # weights are rough: their sum over a cell is met by the column's mean over it; columns at
     # cells 1.5 widths apart differ by (1 / 1.5)^2 / 12 within one
     assert _off_by(_equations(lobes, frame)[0], expected) < 0.05
-
-
-KNOWN = lamps([(0, 1, 0.2), (1, 0.2, 0), (-0.5, 0.3, -1)], [2.0, 30.0, 90.0], [1.0, 8.0, 5.0])
 
 
 def _found_again(truth: Lobes, frame: objective.Target) -> Lobes:
@@ -216,14 +207,14 @@ def test_minimise_finds_lobes_again_from_their_texel_means() -> None:
 
 
 def test_minimise_never_raises_the_loss_of_a_frame() -> None:
-    lobes, frame = _alike(Form.ASG, seeds=(0, 1, 10)), target(noise(64, 3), 32, 8)
+    lobes, frame = alike(Form.ASG, seeds=(0, 1, 10)), target(noise(64, 3), 32, 8)
     values = [newton.minimise(lobes, frame, steps, tolerance=0.0).value for steps in range(6)]
     assert all(bool((b <= a).all()) for a, b in itertools.pairwise(values))
     assert bool((values[-1] < 0.9 * values[0]).all())
 
 
 def test_minimise_reports_the_loss_of_the_lobes_it_returns() -> None:
-    lobes, frame = _alike(Form.SG, seeds=(0, 1)), target(noise(32, 2))
+    lobes, frame = alike(Form.SG, seeds=(0, 1)), target(noise(32, 2))
     held = temporal.prior(lobes, gamma=0.3)
     alone = newton.minimise(lobes, frame, 3)
     # the same sums
@@ -234,7 +225,7 @@ def test_minimise_reports_the_loss_of_the_lobes_it_returns() -> None:
 
 
 def test_minimise_counts_steps_tried_and_tells_of_each() -> None:
-    lobes, frame = _alike(Form.ASG, seeds=(59,)), target(noise())
+    lobes, frame = alike(Form.ASG, seeds=(59,)), target(noise())
     seen: list[Lobes] = []
     found = newton.minimise(lobes, frame, 4, damping=1e-6, tolerance=0.0, on_step=seen.append)
     assert len(seen) == 4
@@ -247,7 +238,7 @@ def test_minimise_counts_steps_tried_and_tells_of_each() -> None:
 
 def test_minimise_stops_when_no_frame_gains_any_more() -> None:
     frame = target(noise(32, 2))
-    start = newton.minimise(_alike(Form.ASG, seeds=(0, 3)), frame, 5)
+    start = newton.minimise(alike(Form.ASG, seeds=(0, 3)), frame, 5)
     # no step from here halves J, so that the first that lowers both is the last
     seen: list[Lobes] = []
     newton.minimise(start.lobes, frame, 30, tolerance=0.5, on_step=seen.append)
@@ -258,7 +249,7 @@ def test_minimise_stops_when_no_frame_gains_any_more() -> None:
 
 def test_steps_that_keep_the_matrix_have_a_gradient_of_their_own() -> None:
     frame = target(noise(32, 2))
-    start = newton.minimise(_alike(Form.ASG, seeds=(0, 3)), frame, 5)
+    start = newton.minimise(alike(Form.ASG, seeds=(0, 3)), frame, 5)
     values = {
         matrices: newton.minimise(start.lobes, frame, 8, matrices=matrices, tolerance=0.0).value
         for matrices in (1, 2, 8, None)
@@ -304,112 +295,3 @@ def test_minimise_keeps_to_the_narrowest_width_allowed(form: Form) -> None:
     # pressed against it, to float32
     assert float(texels.lobe_width(held)) == pytest.approx(0.07, rel=0.02)
     assert float(texels.lobe_width(held)) >= 0.07 * (1 - 1e-6)
-
-
-def _pair() -> tuple[Lobes, objective.Target]:
-    """Return two frames' lobes and maps; with little damping the first's first step fails."""
-    maps = torch.cat([noise(), flat(texels.texel_means(KNOWN, 32, 64)[None])])
-    return _alike(Form.ASG, seeds=(59, 11)), objective.target(maps)
-
-
-@pytest.mark.parametrize("form", list(Form))
-def test_frames_of_a_batch_do_not_see_each_other(form: Form) -> None:
-    maps = noise(64, 2) * torch.tensor([1.0, 30.0])[:, None, None]
-    lobes, frame = _alike(form, seeds=(0, 6)), target(maps, 32, 8)
-    held = temporal.prior(lobes)
-    both = newton.minimise(lobes, frame, 4, priors=[held], tolerance=0.0)
-    for index in range(2):
-        one = lobes[index : index + 1]
-        single = target(maps[index : index + 1], 32, 8)
-        alone = newton.minimise(one, single, 4, priors=[temporal.prior(one)], tolerance=0.0)
-        # float32 sums in another order, grown by four steps
-        torch.testing.assert_close(both.value[index], alone.value[0], rtol=1e-3, atol=0)
-        torch.testing.assert_close(both.lobes.axes[index], alone.lobes.axes[0], rtol=0, atol=1e-2)
-        for name in ("sharpness", "amplitude"):
-            found, expected = getattr(both.lobes, name)[index], getattr(alone.lobes, name)[0]
-            torch.testing.assert_close(found, expected, rtol=3e-2, atol=1e-3)
-        assert float(both.damping[index]) == float(alone.damping[0])
-
-
-def test_a_frame_whose_step_fails_keeps_its_lobes_while_the_other_is_taken() -> None:
-    lobes, frame = _pair()
-    damping = torch.full((2,), 1e-6, dtype=DOUBLE)
-    found = newton.minimise(lobes, frame, 1, damping=damping)
-    for name in ("axes", "sharpness", "amplitude"):
-        assert torch.equal(getattr(found.lobes, name)[0], getattr(lobes, name)[0])
-        assert not torch.equal(getattr(found.lobes, name)[1], getattr(lobes, name)[1])
-    before = _loss(lobes, frame)
-    assert float(found.value[0]) == pytest.approx(float(before[0]), rel=1e-6)  # the same sums
-    assert float(found.value[1]) < float(before[1])
-    assert found.damping.tolist() == pytest.approx([5e-6, newton.DAMPING_MIN])
-
-
-class _OnDevice(Tensor):
-    """A tensor that says it is on a GPU; what is computed from it is a plain one."""
-
-    is_cuda = True  # type: ignore[assignment]
-    __torch_function__ = torch._C._disabled_torch_function_impl  # type: ignore[assignment]
-
-
-def test_steps_decided_on_the_device_are_those_decided_on_the_host() -> None:
-    lobes, frame = _pair()
-    damping = torch.full((2,), 1e-6, dtype=DOUBLE)
-    there = replace(lobes, axes=lobes.axes.as_subclass(_OnDevice))
-    assert there.axes.is_cuda
-    for steps in (1, 2, 6):
-        host = newton.minimise(lobes, frame, steps, damping=damping, tolerance=0.0)
-        device = newton.minimise(there, frame, steps, damping=damping, tolerance=0.0)
-        # the same arithmetic: only the order of decisions differs
-        assert torch.equal(host.damping, device.damping)
-        torch.testing.assert_close(host.value, device.value, rtol=1e-6, atol=0)
-        torch.testing.assert_close(host.lobes.axes, device.lobes.axes, rtol=0, atol=1e-6)
-    seen: list[Lobes] = []
-    newton.minimise(there, frame, 9, tolerance=1.0, on_step=seen.append)
-    assert len(seen) == 9  # and no step waits to learn that it was the last
-
-
-def _tensors(state: newton._State) -> tuple[Tensor, ...]:
-    shown, sizes = state.shown, state.sizes
-    shape = (shown.lobes.axes, shown.lobes.sharpness, shown.lobes.amplitude)
-    images = (shown.values, shown.gaussian, shown.scale)
-    errors = (sizes.value, sizes.parts, sizes.texels, *sizes.views, *sizes.seen)
-    return (*shape, *images, *errors, state.value)
-
-
-@pytest.mark.parametrize("form", list(Form))
-def test_each_frame_is_chosen_whole_from_one_state_or_the_other(form: Form) -> None:
-    frame = target(noise(32, 3), 16, 4)
-    tried, before = (
-        newton._judged(lobe_images.images(_alike(form, seeds=seeds), frame.places), frame, ())
-        for seeds in ((0, 1, 2), (3, 4, 5))
-    )
-    chosen = newton._chosen(torch.tensor([True, False, True]), tried, before)
-    for index, source in ((0, tried), (1, before), (2, tried)):
-        for found, expected in zip(_tensors(chosen), _tensors(source), strict=True):
-            assert torch.equal(found[index], expected[index])
-    assert chosen.shown.lobes.form is form
-
-
-def test_best_is_the_frame_with_the_least_loss() -> None:
-    lobes = _alike(Form.ASG, seeds=(0, 1, 2))
-    value, damping = torch.tensor([3.0, 1.0, 2.0]), torch.tensor([0.1, 0.2, 0.3])
-    best = newton.Outcome(lobes, value, damping).best()
-    assert torch.equal(best.lobes.axes, lobes.axes[1:2])
-    assert torch.equal(best.lobes.amplitude, lobes.amplitude[1:2])
-    assert best.value.tolist() == [1.0]
-    assert best.damping.tolist() == pytest.approx([0.2])
-
-
-def test_lobes_whose_images_are_known_take_the_same_steps() -> None:
-    frame = target(noise(32, 1), 16, 4)
-    lobes = _alike(Form.ASG, seeds=(0,))
-    shown = lobe_images.images(lobes, frame.places)
-    plain = newton.minimise(lobes, frame, 3)
-    known = newton.minimise(lobes, frame, 3, shown=shown)
-    assert torch.equal(known.lobes.axes, plain.lobes.axes)
-    assert torch.equal(known.value, plain.value)
-    # and what comes out is what the lobes show
-    again = lobe_images.images(known.lobes, frame.places)
-    assert known.shown is not None
-    assert torch.equal(known.shown.radiance, again.radiance)
-    assert torch.equal(known.best().shown.radiance, again.radiance)

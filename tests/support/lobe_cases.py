@@ -12,6 +12,7 @@ from asglight.fitting.leaves import leaves
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import StepCallback, fit_frame
 from asglight.lobes import Form, Lobes, texels
+from asglight.lobes.data import stack
 from asglight.lobes.frames import axes_around, axes_from_quaternion
 
 DOUBLE = torch.float64
@@ -82,3 +83,12 @@ def follow(
 
 def angle_deg(a: Tensor, b: Tensor) -> float:
     return math.degrees(float(torch.arccos((a * b).sum().clamp(-1, 1))))
+
+
+KNOWN = lamps([(0, 1, 0.2), (1, 0.2, 0), (-0.5, 0.3, -1)], [2.0, 30.0, 90.0], [1.0, 8.0, 5.0])
+"""A wide, a narrow and a very narrow lobe, apart."""
+
+
+def alike(form: Form, count: int = 5, seeds: tuple[int, ...] = (0,)) -> Lobes:
+    """Return random lobes of a frame for each seed, in float32.  [F, N, .]."""
+    return stack([random_lobes(form, count, seed) for seed in seeds]).to(torch.float32)
