@@ -176,8 +176,8 @@ def _without(
 
 def _relit(outcome: newton.Outcome, frame: objective.Target) -> Lobes:
     """Return the lobes with the last solution for their light.  [N, .]."""
-    shown = outcome.shown or lobe_images.images(outcome.lobes, frame.places)
-    return light.relight(shown, replace(frame, corners=LIGHT), passes=1).lobes[0]
+    assert outcome.shown is not None  # of lobes that took steps
+    return light.relight(outcome.shown, replace(frame, corners=LIGHT), passes=1).lobes[0]
 
 
 def _coarse(frame: Exposed, corners: Corners) -> objective.Target:

@@ -141,7 +141,8 @@ def _between(shot: Lobes, index: Tensor, frames: list[Exposed]) -> tuple[Lobes, 
         width_min=narrowest(frames[0].height),
         leash=Leash(own.axis_z, torch.cos(torch.deg2rad(room))),
     )
-    shown = found.shown or lobe_images.images(found.lobes, whole.places)
+    shown = found.shown
+    assert shown is not None  # of lobes that took steps
     lit = light.relight(shown, replace(whole, corners=LIGHT), passes=1).lobes
     capped = torch.minimum(lit.amplitude, own.amplitude)
     lit = replace(lit, amplitude=torch.where(stays[..., None], capped, lit.amplitude))
