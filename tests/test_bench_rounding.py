@@ -48,7 +48,7 @@ def test_float32_is_near_to_float64_on_the_built_in_environment() -> None:
         # the judge's sums of 10^4 texels in float32
         assert figures["irr"] < 1e-3
         assert figures["r0.5"] < 1e-3
-        # rounding may send a race of starts elsewhere, to an end as good: a tenth on real maps
+        # rounding may decide which split is kept, for an end as good: a tenth on real maps
         for name in rounding.JUDGED:
             ends = figures[f"fitted {name}"] / figures[f"fitted {name} float32"]
             assert 0.7 < ends < 1.4, name

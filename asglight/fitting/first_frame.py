@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A first frame: EM starts, then steps under narrowing corners, then the flux made exact."""
+"""A first frame: an EM start, steps under narrowing corners, the flux made exact."""
 
 import math
 from dataclasses import dataclass, replace
@@ -12,7 +12,6 @@ from asglight.fitting.grid import grid
 from asglight.fitting.objective import Corners
 from asglight.fitting.regroup import regroup
 from asglight.lobes import Form, Lobes, asg
-from asglight.lobes.data import stack
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
@@ -25,14 +24,12 @@ class Level:
     Attributes:
         steps: Steps, at most.
         corners: phi's corners: from wide ones, with few minima, to those that the metrics ask for.
-        kept: Starts that go on after the steps, at most: those with the least J.
         rounds: Rounds of splits and merges after that.
         matrices: Gauss-Newton matrices computed, at most (newton.py); None for one a step.
     """
 
     steps: int
     corners: Corners
-    kept: int = 1
     rounds: int = 0
     matrices: int | None = None
 
@@ -43,48 +40,38 @@ class Effort:
 
     Attributes:
         spreads_deg: `seeding.split`'s spread of each start.
-        levels: What is done with the starts, one level after the other.
+        levels: What is done with each, one level after the other.
     """
 
     spreads_deg: tuple[float, ...]
     levels: tuple[Level, ...]
 
 
-def soft_to_sharp(steps: int, kept: tuple[int, int], rounds: int) -> tuple[Level, ...]:
-    """Return the levels down to corners at which most of the lobes have found their lamps.
+def levels(rounds: int) -> tuple[Level, ...]:
+    """Return the levels of a first frame, from soft corners to sharp ones.
 
     The materials start soft as well: with corners as wide as all they show, J is nearly a quadratic
     of the lobes' images, and what is lit wrong counts more than what is drawn wrong.
 
     Args:
-        steps: Steps of a level.
-        kept: Starts that go on after the first and the second level.
-        rounds: Rounds of splits and merges, where J is still soft: there a trial needs few steps.
+        rounds: Rounds of splits and merges. They come late: under soft corners what glossy balls
+            show wrong counts next to nothing, and splits would serve the map at their cost.
     """
     return (
-        Level(steps, Corners(1.0, 1.0), kept[0]),
-        Level(steps, Corners(1.0, 0.3), kept[1]),
-        Level(steps, Corners(1.0, 0.1), 1, rounds),
-        Level(steps, Corners(0.3, 0.03)),
+        Level(8, Corners(1.0, 1.0)),
+        Level(8, Corners(1.0, 0.3)),
+        Level(8, Corners(1.0, 0.1)),
+        Level(8, Corners(0.3, 0.03)),
+        Level(12, Corners(0.1, 0.02)),
+        Level(12, Corners(0.1, 0.01)),
+        Level(25, Corners(0.1, 0.005), rounds),
+        Level(15, Corners(0.1, 0.002)),
     )
 
 
-FINE = (
-    Level(12, Corners(0.1, 0.02)),
-    Level(12, Corners(0.1, 0.01)),
-    Level(25, Corners(0.1, 0.005)),
-    Level(15, Corners(0.1, 0.002)),
-)
+FAST = Effort((math.inf,), levels(rounds=2))
 
-FAST = Effort(
-    (1.0, 4.0, 12.0),
-    (*soft_to_sharp(8, (2, 1), 1), replace(FINE[0], rounds=1), *FINE[1:]),
-)
-
-BEST = Effort(
-    (1.0, 2.0, 4.0, 8.0, 16.0, 60.0),
-    (*soft_to_sharp(12, (6, 3), 20), replace(FINE[0], rounds=20), *FINE[1:]),
-)
+BEST = Effort((math.inf, 30.0, 4.0), levels(rounds=6))
 
 LIGHT = Corners(0.1, 0.002)
 """phi's corners of the last solution for the light alone: what it can mend of what balls show."""
@@ -161,8 +148,8 @@ def fit_first_frame(
         count: N.
         form: Lobe function; None for asg, or flat where that shows the map better (flat_tops.py).
         effort: How much is spent.
-        on_step: Called with the lobes [F, N, .] after each step, in units of the map's mean
-            radiance; F starts at first, then one.
+        on_step: Called after each step with lobes in units of the map's mean radiance: those of
+            the first start, then the best of the starts that are done.  [1, N, .]
     """
     frame = exposed(reference)
     first = form or Form.ASG
@@ -173,9 +160,16 @@ def fit_first_frame(
     width_min = narrowest(frame.height)
 
     def fitted(form: Form) -> newton.Outcome:
-        seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
-        starts = newton.Outcome(stack(seeds), torch.empty(0), torch.tensor(newton.DAMPING_START))
-        return descend(starts, whole, effort.levels, width_min, on_step)
+        best, least = None, math.inf
+        for spread in effort.spreads_deg:
+            seeds = seeding.seed_lobes(cells, count, form, spread)[None]
+            report = on_step if on_step is None or best is None else _still(on_step, best.lobes)
+            found = descend(seeds, whole, effort.levels, width_min, report)
+            wrong = lit_wrong(found.lobes, whole)
+            if best is None or wrong < least:
+                best, least = found, wrong
+        assert best is not None  # an effort has a start
+        return best
 
     found = fitted(first)
     if form is None and flat_tops.promises(found.lobes, whole, width_min):
@@ -186,36 +180,53 @@ def fit_first_frame(
     return with_flux_of(lit.lobes[0], frame, float(found.value))
 
 
+def _still(on_step: newton.OnStep, best: Lobes) -> newton.OnStep:
+    """Return a report of the same lobes, whatever step is taken."""
+    return lambda _: on_step(best)
+
+
+def lit_wrong(lobes: Lobes, frame: objective.Target) -> float:
+    """Return J's part of what materials show wrong, by which starts are chosen.
+
+    All starts were asked for the map as well, and some end with more of it at the cost of light.
+
+    Args:
+        lobes: A fit.  [1, N, .]
+        frame: The map.
+    """
+    sharp = replace(frame, corners=LIGHT)
+    shown = lobe_images.images(lobes, frame.places)
+    return float(objective.of_materials(objective.sizes(shown.radiance, sharp).seen, sharp))
+
+
 def descend(
-    start: newton.Outcome,
+    start: Lobes,
     frame: objective.Target,
     levels: tuple[Level, ...],
     width_min: float,
     on_step: newton.OnStep | None = None,
 ) -> newton.Outcome:
-    """Take the steps of each level in turn, and drop the starts that it leaves behind.
+    """Take the steps of each level in turn.
 
     Args:
-        start: One or more starts for one frame.
+        start: Where to start.  [1, N, .]
         frame: The map; each level brings its own corners.
         levels: What is done.
         width_min: Sigma of the narrowest lobe allowed, radians.
-        on_step: Called with the lobes of all starts after each step.
+        on_step: Called with the lobes after each step.
     """
-    state = start
+    state = newton.Outcome(start, torch.empty(0), torch.tensor(newton.DAMPING_START))
     for level in levels:
         softened = replace(frame, corners=level.corners)
         state = newton.minimise(
             state.lobes,
-            softened.repeated(len(state.lobes.axes)),
+            softened,
             level.steps,
             damping=state.damping,
             matrices=level.matrices,
             width_min=width_min,
             on_step=on_step,
         )
-        kept = state.value.argsort(stable=True)[: level.kept]
-        state = newton.Outcome(state.lobes[kept], state.value[kept], state.damping[kept])
         if level.rounds:
             state = regroup(state, softened, level.rounds, width_min)
     return state

@@ -183,14 +183,27 @@ def sizes(radiance: Tensor, frame: Target) -> Sizes:
     texels = phi(residual[..., cells:], frame.env_corner[:, None])
     if places.texel.shape[-1]:
         error = error + (places.texel_share * texels).sum(-1)
-    total = ENV_WEIGHT * (error / frame.env_scale - frame.corners.env)
     views = probe(leaves.to_cells(residual, places), places.rows)
-    seen = []
-    for index, (view, share) in enumerate(zip(views, _view_weights(frame), strict=True)):
-        corner = frame.probe_corner(index)[:, None]
-        seen.append(phi(view, corner))
-        total = total + (share * (seen[-1] - corner)).sum(-1)
-    return Sizes(total, parts, texels, views, tuple(seen))
+    corners = [frame.probe_corner(index)[:, None] for index in range(len(views))]
+    seen = tuple(phi(*pair) for pair in zip(views, corners, strict=True))
+    total = ENV_WEIGHT * (error / frame.env_scale - frame.corners.env)
+    return Sizes(total + of_materials(seen, frame), parts, texels, views, seen)
+
+
+def of_materials(seen: tuple[Tensor, ...], frame: Target) -> Tensor:
+    """Return J's part of what materials show wrong, all but the map's own.
+
+    Args:
+        seen: `Sizes.seen` of reconstructions.
+        frame: The maps.
+
+    Returns:
+        Less its constant.  [F]
+    """
+    total = torch.zeros_like(frame.env_scale)
+    for index, (size, share) in enumerate(zip(seen, _view_weights(frame), strict=True)):
+        total = total + (share * (size - frame.probe_corner(index)[:, None])).sum(-1)
+    return total
 
 
 def misfit(radiance: Tensor, frame: Target, found: Sizes | None = None) -> Misfit:

@@ -2,13 +2,13 @@
 """Where the lobes of a first frame start: flux-weighted splitting, then EM with second moments.
 
 A map is a density of flux over the sphere. It is cut into N clusters of cells by variance, each
-time the cluster with the most flux and spread along its principal axis, in the spirit of the
-variance-minimisation cut [Viriyothai and Debevec 2009]; a spread beyond a few degrees counts no
-more for being wider, so a small lamp with much of the light is not left to one lobe.
-Expectation-maximisation then fits a mixture of lobe densities to the flux [Banerjee et al. 2005 for
-the isotropic case]: each lobe takes its share of every cell and moves to the mean and the in-plane
-covariance of what it took. Flux is kept exactly: each lobe's amplitude is the RGB flux it took over
-its integral.
+time the cluster with the most flux and spread along its principal axis: the variance-minimisation
+cut [Viriyothai and Debevec 2009]. Other starts for the same map come from a spread that counts no
+more for being wider than some degrees: a small lamp with much of the light then gets more lobes.
+Expectation-maximisation then fits a mixture of isotropic densities to the flux [Banerjee et al.
+2005]: each lobe takes its share of every cell and moves to the mean and variance of what it took,
+and at the end to its in-plane covariance. Flux is kept exactly: each lobe's amplitude is the RGB
+flux it took over its integral.
 
 A cell is a block of texels, the smaller the brighter, down to one texel. It is represented by its
 flux and by the exact first and second moments of direction within it, so a lamp of one texel stays
@@ -117,7 +117,8 @@ def split(source: Cells, count: int, spread_deg: float) -> Tensor:
     Args:
         source: The cells.
         count: N.
-        spread_deg: Standard deviation that counts as half of the most there is.
+        spread_deg: Standard deviation that counts as half of the most there is; infinity for one
+            that counts in full.
 
     Returns:
         Cluster index of each cell, below `count`; fewer clusters where cells run out.  [C]
@@ -138,7 +139,7 @@ def split(source: Cells, count: int, spread_deg: float) -> Tensor:
 
 
 def _principal_spread(source: Cells, members: Tensor, half: float) -> tuple[float, Tensor, float]:
-    """Return flux times variance / (variance + half), the principal axis, and the mean along it."""
+    """Return flux times variance / (1 + variance / half), the axis of it, and the mean along it."""
     if int(members.sum()) < 2:
         return 0.0, source.mean.new_zeros(3), 0.0
     weight, mean = source.weight[members], source.mean[members]
@@ -148,27 +149,31 @@ def _principal_spread(source: Cells, members: Tensor, half: float) -> tuple[floa
     scatter = (weight[:, None] * offset).mT @ offset
     values, vectors = torch.linalg.eigh(scatter)
     axis, variance = vectors[:, -1], float(values[-1] / total)
-    spread = float(total) * variance / (variance + half)
+    spread = float(total) * variance / (1 + variance / half)
     return spread, axis, float(centre @ axis)
 
 
 def expectation_maximisation(source: Cells, labels: Tensor, count: int, form: Form) -> Lobes:
-    """Fit a mixture of lobe densities to the cells' flux.
+    """Fit a mixture of isotropic densities to the cells' flux, and lobes to its parts.
+
+    Anisotropic densities find worse starts: over ten maps each turned by three angles, fits from
+    them end with an r0.5 larger by a tenth in the mean.
 
     Args:
         source: The cells.
         labels: First cluster of each cell.  [C]
         count: N.
-        form: Lobe function; the densities are isotropic for `sg`, anisotropic otherwise.
+        form: Lobe function.
 
     Returns:
         Lobes in float32 whose flux is the map's.  [N, .]
     """
     taken = torch.nn.functional.one_hot(labels, count).to(source.weight)  # [C, N]
-    lobes = _maximisation(source, taken, form, None)
+    lobes = _maximisation(source, taken, Form.SG, None)
     for _ in range(EM_STEPS):
         taken = _expectation(source, lobes, taken)
-        lobes = _maximisation(source, taken, form, lobes)
+        lobes = _maximisation(source, taken, Form.SG, lobes)
+    lobes = _maximisation(source, taken, form, lobes)
     flux = taken.mT @ source.flux  # [N, 3]
     amplitude = flux / asg.integral(lobes)[:, None]
     return Lobes(lobes.axes, lobes.sharpness, amplitude, form).to(torch.float32)

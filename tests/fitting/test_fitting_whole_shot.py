@@ -76,8 +76,14 @@ def test_a_noisy_shot_becomes_no_worse() -> None:
         for lobes in (shot, found)
     )
     # over the shot: a frame gives up by chance a tenth of what the noise let it have
-    for name in ("env", "irr", "r0.5", "r0.25"):
-        assert sum(errors[name] for errors in after) < sum(errors[name] for errors in before)
+    weights = {"env": 0.07, "irr": 4.0, "r0.5": 2.0, "r0.25": 1.0}  # those of J
+    sums = [
+        {name: sum(errors[name] for errors in part) for name in weights} for part in (before, after)
+    ]
+    first, last = (sum(w * part[name] for name, w in weights.items()) for part in sums)
+    assert last < first
+    for name in weights:  # one part of J may pay for another
+        assert sums[1][name] < 1.03 * sums[0][name], name
     # judged on texel centres: (pi / 64)^2 / 24
     assert max(errors["flux"] for errors in after) < 2e-4
     assert all(0 < loss < 1 for loss in losses)
