@@ -25,13 +25,11 @@ class Level:
         steps: Steps, at most.
         corners: phi's corners: from wide ones, with few minima, to those that the metrics ask for.
         rounds: Rounds of splits and merges after that.
-        matrices: Gauss-Newton matrices computed, at most (newton.py); None for one a step.
     """
 
     steps: int
     corners: Corners
     rounds: int = 0
-    matrices: int | None = None
 
 
 @dataclass(frozen=True)
@@ -223,7 +221,6 @@ def descend(
             softened,
             level.steps,
             damping=state.damping,
-            matrices=level.matrices,
             width_min=width_min,
             on_step=on_step,
         )

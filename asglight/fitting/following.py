@@ -202,7 +202,6 @@ def _stepped(
             level.steps,
             priors=[held],
             damping=outcome.damping,
-            matrices=level.matrices,
             width_min=width_min,
             leash=leash,
             shown=outcome.shown,

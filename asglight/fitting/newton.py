@@ -79,7 +79,6 @@ def minimise(
     *,
     priors: Sequence[temporal.Prior] = (),
     damping: Tensor | float = DAMPING_START,
-    matrices: int | None = None,
     width_min: float = 0.0,
     leash: Leash | None = None,
     tolerance: float = TOLERANCE,
@@ -94,8 +93,6 @@ def minimise(
         steps: Steps tried, taken or not.
         priors: The temporal terms, added to J: one for each neighbouring frame.
         damping: First damping.  [F]
-        matrices: Times that H is computed, at most; later steps take the last one with a gradient
-            of their own, which is the chord method. None for every step.
         width_min: Sigma of the narrowest lobe allowed, radians.
         leash: Bounds on the directions.
         tolerance: Stop when the step of each frame lowers J by less than this share of it.
@@ -107,13 +104,9 @@ def minimise(
     damping = damping.expand(len(state.value))
     gradient: Tensor | None = None
     hessian = torch.empty(0)
-    left = steps if matrices is None else matrices
     for _ in range(steps):
-        if gradient is None and left > 0:
+        if gradient is None:
             hessian, gradient = _equations(state, frame, priors)
-            left -= 1
-        elif gradient is None:
-            gradient = _gradient(state, frame, priors)
         step = _solve(hessian, gradient, state.shown.lobes, damping)
         ahead = advance(state.shown.lobes, step, width_min, leash)
         tried = _judged(lobe_images.images(ahead, frame.places), frame, priors)
@@ -174,19 +167,6 @@ def _equations(
         torch.diagonal(hessian, dim1=-2, dim2=-1).add_(curvature)
         gradient = gradient + slope
     return hessian, gradient
-
-
-def _gradient(state: _State, frame: objective.Target, priors: Sequence[temporal.Prior]) -> Tensor:
-    """Return the gradient of J and the temporal terms.  [F, 8 N]."""
-    lobes = state.shown.lobes
-    seen = footprint(lobes, [rows for rows, _, _ in frame.places.levels])
-    of_scale = lobe_images.scale_slopes(state.shown, seen, frame.places)
-    slope = objective.misfit(state.shown.radiance, frame, state.sizes).slope
-    found = lobe_images.slopes(state.shown, seen, of_scale, slope, frame.places)
-    gradient = found.double().flatten(1)
-    for prior in priors:
-        gradient = gradient + temporal.slopes(lobes, prior)[1]
-    return gradient
 
 
 def normal_equations(
