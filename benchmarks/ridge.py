@@ -8,21 +8,19 @@ again from its own input with the ridge and with one a millionth as large, which
 float64's rounding. Lobes that stand in for others are told apart by `condition.trades`.
 """
 
-import argparse
 import statistics
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from unittest import mock
 
 import torch
+from map_folder import maps_given
 from torch import Tensor
 
 from asglight.fitting import first_frame, light, lobe_images, objective
 from asglight.fitting.condition import LIMIT, trades
-from asglight.fitting.options import FIT_HEIGHT, FitOptions
+from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import fit_frame
-from asglight.images import read_latlong
 from asglight.lobes import asg
 
 NO_RIDGE = 1e-6 * light.RIDGE
@@ -35,13 +33,8 @@ A change is that of an amplitude relative to the lobe's brightest channel."""
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit every map, print a table."""
-    parser = argparse.ArgumentParser(prog="ridge", description=__doc__)
-    parser.add_argument("--maps", type=Path, required=True, metavar="DIR", help="latlong OpenEXR")
-    options = parser.parse_args(argv)
-    paths = sorted(options.maps.glob("*.exr"))
-    if not paths:
-        parser.error(f"--maps: {options.maps}: has no .exr; expected latlong OpenEXR files")
-    rows = [measured(p.stem, read_latlong(p, height=FIT_HEIGHT).radiance) for p in paths]
+    maps = maps_given("ridge", __doc__, argv)
+    rows = [measured(name, radiance) for name, radiance in maps.items()]
     print(table(rows))
     return 0
 

@@ -8,21 +8,19 @@ is fitted as it is and turned about the vertical axis. Rows are geometric means 
 errors over those of `fast`; seconds are of the processor, in the mean.
 """
 
-import argparse
 import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import torch
+from map_folder import maps_given
 from torch import Tensor
 
 from asglight.fitting import first_frame
-from asglight.fitting.first_frame import BEST, FAST, Effort, Level, levels
-from asglight.fitting.options import FIT_HEIGHT, LOBES
+from asglight.fitting.first_frame import BEST, FAST, Effort, Level, soft_to_sharp
+from asglight.fitting.options import LOBES
 from asglight.fitting.sequence import one_thread
-from asglight.images import read_latlong
 from asglight.judging.clock import Clock
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form
@@ -35,7 +33,7 @@ METRICS = ("env", "irr", "irrMax", "r0.5", "r0.25")
 
 def early(rounds: int) -> tuple[Level, ...]:
     """Return the levels with their splits under the third pair of corners, which is soft."""
-    without = levels(rounds=0)
+    without = soft_to_sharp(rounds=0)
     return (*without[:2], replace(without[2], rounds=rounds), *without[3:])
 
 
@@ -45,21 +43,15 @@ EFFORTS = {
     "fast, spreads count up to 30 degrees": Effort((30.0,), FAST.levels),
     "fast, up to 4 degrees": Effort((4.0,), FAST.levels),
     "fast, up to 1 degree": Effort((1.0,), FAST.levels),
-    "fast without splits": Effort(FAST.spreads_deg, levels(rounds=0)),
-    "fast, 6 rounds of splits": Effort(FAST.spreads_deg, levels(rounds=6)),
+    "fast without splits": Effort(FAST.spreads_deg, soft_to_sharp(rounds=0)),
+    "fast, 6 rounds of splits": Effort(FAST.spreads_deg, soft_to_sharp(rounds=6)),
     "fast, 2 rounds while corners are soft": Effort(FAST.spreads_deg, early(rounds=2)),
 }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit every map at every turn with every effort, print a table."""
-    parser = argparse.ArgumentParser(prog="starts", description=__doc__)
-    parser.add_argument("--maps", type=Path, required=True, metavar="DIR", help="latlong OpenEXR")
-    options = parser.parse_args(argv)
-    paths = sorted(options.maps.glob("*.exr"))
-    if not paths:
-        parser.error(f"--maps: {options.maps}: has no .exr; expected latlong OpenEXR files")
-    maps = [read_latlong(path, height=FIT_HEIGHT).radiance for path in paths]
+    maps = maps_given("starts", __doc__, argv).values()
     turned = [_turned(radiance, part) for radiance in maps for part in TURNS]
     print(table({name: [measured(one, each) for one in turned] for name, each in EFFORTS.items()}))
     return 0

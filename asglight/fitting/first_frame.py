@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import flat_tops, light, lobe_images, newton, objective, seeding
+from asglight.fitting import flat_tops, light, newton, objective, seeding
 from asglight.fitting.grid import grid
 from asglight.fitting.objective import Corners
 from asglight.fitting.regroup import regroup
@@ -45,7 +45,7 @@ class Effort:
     levels: tuple[Level, ...]
 
 
-def levels(rounds: int) -> tuple[Level, ...]:
+def soft_to_sharp(rounds: int) -> tuple[Level, ...]:
     """Return the levels of a first frame, from soft corners to sharp ones.
 
     The materials start soft as well: with corners as wide as all they show, J is nearly a quadratic
@@ -67,9 +67,9 @@ def levels(rounds: int) -> tuple[Level, ...]:
     )
 
 
-FAST = Effort((math.inf,), levels(rounds=2))
+FAST = Effort((math.inf,), soft_to_sharp(rounds=2))
 
-BEST = Effort((math.inf, 30.0, 4.0), levels(rounds=6))
+BEST = Effort((math.inf, 30.0, 4.0), soft_to_sharp(rounds=6))
 
 LIGHT = Corners(0.1, 0.002)
 """phi's corners of the last solution for the light alone: what it can mend of what balls show."""
@@ -158,24 +158,41 @@ def fit_first_frame(
     width_min = narrowest(frame.height)
 
     def fitted(form: Form) -> newton.Outcome:
-        best, least = None, math.inf
-        for spread in effort.spreads_deg:
-            seeds = seeding.seed_lobes(cells, count, form, spread)[None]
-            report = on_step if on_step is None or best is None else _still(on_step, best.lobes)
-            found = descend(seeds, whole, effort.levels, width_min, report)
-            wrong = lit_wrong(found.lobes, whole)
-            if best is None or wrong < least:
-                best, least = found, wrong
-        assert best is not None  # an effort has a start
-        return best
+        """Return the end of the best start."""
+        seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
+        return best_end(seeds, whole, effort.levels, width_min, on_step)
 
     found = fitted(first)
     if form is None and flat_tops.promises(found.lobes, whole, width_min):
         flat = fitted(Form.FLAT)
         found = flat if flat_tops.gains(flat, found) else found
-    shown = lobe_images.images(found.lobes, whole.places)
-    lit = light.relight(shown, replace(whole, corners=LIGHT), passes=1)
+    assert found.shown is not None  # of lobes that took steps
+    lit = light.relight(found.shown, replace(whole, corners=LIGHT), passes=1)
     return with_flux_of(lit.lobes[0], frame, float(found.value))
+
+
+def best_end(
+    seeds: list[Lobes],
+    frame: objective.Target,
+    levels: tuple[Level, ...],
+    width_min: float,
+    on_step: newton.OnStep | None = None,
+) -> newton.Outcome:
+    """Follow each start to its end, and return the end that is lit best.
+
+    Args:
+        seeds: Starts, one or more.  [N, .] each
+        frame: The map.
+        levels: What is done with each.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+        on_step: As in `fit_first_frame`.
+    """
+    best = descend(seeds[0][None], frame, levels, width_min, on_step)
+    for seed in seeds[1:]:
+        report = None if on_step is None else _still(on_step, best.lobes)
+        found = descend(seed[None], frame, levels, width_min, report)
+        best = min(best, found, key=lambda outcome: lit_wrong(outcome, frame))
+    return best
 
 
 def _still(on_step: newton.OnStep, best: Lobes) -> newton.OnStep:
@@ -183,18 +200,19 @@ def _still(on_step: newton.OnStep, best: Lobes) -> newton.OnStep:
     return lambda _: on_step(best)
 
 
-def lit_wrong(lobes: Lobes, frame: objective.Target) -> float:
+def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
     """Return J's part of what materials show wrong, by which starts are chosen.
 
     All starts were asked for the map as well, and some end with more of it at the cost of light.
 
     Args:
-        lobes: A fit.  [1, N, .]
+        found: The end of a start.  F = 1.
         frame: The map.
     """
+    assert found.shown is not None  # of lobes that took steps
     sharp = replace(frame, corners=LIGHT)
-    shown = lobe_images.images(lobes, frame.places)
-    return float(objective.of_materials(objective.sizes(shown.radiance, sharp).seen, sharp))
+    seen = objective.sizes(found.shown.radiance, sharp).seen
+    return float(objective.of_materials(seen, sharp))
 
 
 def descend(

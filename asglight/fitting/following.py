@@ -50,8 +50,8 @@ class Pursuit:
 
 
 LIVE = Pursuit((Level(2, Corners(0.1, 0.005)),), (Level(2, Corners(0.1, 0.005)),), sends=False)
-"""Coarse steps bring most of the way: without them r0.5 of a moving sky is 1.6 times as large. More
-of them than of the whole map's lead away from what that asks for."""
+"""Coarse steps bring most of the way, for less; more of them than of the whole map's
+lead away from what that asks for."""
 
 FAST = Pursuit((), (Level(6, Corners(0.3, 0.02)), Level(10, Corners(0.1, 0.005))))
 

@@ -14,7 +14,9 @@ from asglight.fitting.coordinates import UNKNOWNS, advance
 from asglight.fitting.first_frame import Exposed, exposed
 from asglight.fitting.following import LEASH_DEG
 from asglight.fitting.lobe_images import images
+from asglight.fitting.objective import ENV_WEIGHT
 from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.probes import PROBES
 from asglight.fitting.whole_shot import refine_shot
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes, asg, texels
@@ -76,7 +78,8 @@ def test_a_noisy_shot_becomes_no_worse() -> None:
         for lobes in (shot, found)
     )
     # over the shot: a frame gives up by chance a tenth of what the noise let it have
-    weights = {"env": 0.07, "irr": 4.0, "r0.5": 2.0, "r0.25": 1.0}  # those of J
+    materials = (each.weight for each in PROBES[1:])
+    weights = {"env": ENV_WEIGHT} | dict(zip(("irr", "r0.5", "r0.25"), materials, strict=True))
     sums = [
         {name: sum(errors[name] for errors in part) for name in weights} for part in (before, after)
     ]

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several starts for one frame: where they are cut, which end is taken, what is reported."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from lobe_cases import sky_and_sun
+
+from asglight.fitting import first_frame, newton, objective, seeding
+from asglight.fitting.first_frame import LIGHT, Level
+from asglight.fitting.objective import Corners
+from asglight.lobes import Form, Lobes
+
+LEVELS = (Level(2, Corners(1.0, 1.0)), Level(4, Corners(0.1, 0.01)))
+
+
+def _starts() -> tuple[list[Lobes], objective.Target, float]:
+    frame = first_frame.exposed(sky_and_sun(30.0, 32))
+    cells = seeding.cells(frame.radiance[0].mT.unflatten(0, (32, 64)))
+    seeds = [seeding.seed_lobes(cells, 4, Form.ASG, spread) for spread in (math.inf, 4.0, 1.0)]
+    return seeds, objective.target(frame.radiance), first_frame.narrowest(32)
+
+
+def test_the_end_that_is_lit_best_is_taken() -> None:
+    seeds, frame, width_min = _starts()
+    ends = [first_frame.descend(seed[None], frame, LEVELS, width_min) for seed in seeds]
+    wrong = [first_frame.lit_wrong(end, frame) for end in ends]
+    assert len(set(wrong)) > 1
+    found = first_frame.best_end(seeds, frame, LEVELS, width_min)
+    assert torch.equal(found.lobes.amplitude, ends[wrong.index(min(wrong))].lobes.amplitude)
+
+
+def test_later_starts_report_the_best_end_so_far() -> None:
+    seeds, frame, width_min = _starts()
+    seen: list[Lobes] = []
+    first_frame.best_end(seeds[:2], frame, LEVELS, width_min, seen.append)
+    alone: list[Lobes] = []
+    end = first_frame.descend(seeds[0][None], frame, LEVELS, width_min, alone.append)
+    assert len(seen) > len(alone)
+    for reported, expected in zip(seen, alone, strict=False):
+        assert torch.equal(reported.axes, expected.axes)
+    assert all(torch.equal(later.axes, end.lobes.axes) for later in seen[len(alone) :])
+
+
+def test_what_materials_show_wrong_is_j_without_the_map() -> None:
+    seeds, frame, _ = _starts()
+    shown = newton.minimise(seeds[0][None], frame, 1).shown
+    assert shown is not None
+    sharp = replace(frame, corners=LIGHT)
+    found = objective.sizes(shown.radiance, sharp)
+    # the map's own: the mean of phi over the sphere, cell by cell and texel by texel
+    errors = torch.cat([found.parts.mean(1), found.texels], dim=-1)
+    own = (sharp.places.share * errors).sum(-1) / sharp.env_scale - LIGHT.env
+    expected = found.value - objective.ENV_WEIGHT * own
+    torch.testing.assert_close(
+        objective.of_materials(found.seen, sharp), expected, rtol=0, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize(("spread", "halved"), [(math.inf, "wide"), (1.0, "narrow")])
+def test_a_wide_dim_pair_is_cut_before_a_narrow_bright_one_where_spread_counts_in_full(
+    spread: float, halved: str
+) -> None:
+    degrees = torch.tensor([0.0, 4.0, 150.0, 210.0], dtype=torch.float64).deg2rad()
+    zero = torch.zeros_like(degrees)
+    mean = torch.stack([degrees.cos(), zero, degrees.sin()], dim=-1)
+    weight = torch.tensor([0.45, 0.45, 0.05, 0.05], dtype=torch.float64)
+    source = seeding.Cells(
+        weight[:, None].expand(4, 3), weight, mean, mean[:, :, None] * mean[:, None], 1e-6
+    )
+    # the first cut parts the pairs; flux times variance is .9 (2 deg)^2 beside .1 (30 deg)^2
+    labels = seeding.split(source, 3, spread).tolist()
+    assert (labels[2] != labels[3]) == (halved == "wide")
+    assert (labels[0] != labels[1]) == (halved == "narrow")
