@@ -15,7 +15,6 @@ from asglight.fitting import light, lobe_images, newton, objective, temporal
 from asglight.fitting.coordinates import Leash
 from asglight.fitting.first_frame import (
     LIGHT,
-    Exposed,
     FrameFit,
     Level,
     exposed,
@@ -23,8 +22,7 @@ from asglight.fitting.first_frame import (
     narrowest,
     with_flux_of,
 )
-from asglight.fitting.grid import coarsen, coarser
-from asglight.fitting.leaves import leaves, to_cells
+from asglight.fitting.leaves import to_cells
 from asglight.fitting.objective import Corners
 from asglight.fitting.probes import PROBES, directions, probe
 from asglight.fitting.resending import Resent, resent
@@ -63,15 +61,6 @@ BEST = Pursuit(
         Level(24, Corners(0.1, 0.002)),
     ),
 )
-
-START_ROWS = 32
-"""Rows of the grid of cells on which starts compete: it tells them apart as well as a finer one."""
-
-START_REFINED = 16
-"""Cells that are refined there; with 64 a map of 128 rows has twice as many leaves."""
-
-START_FINE_ROWS = 128
-"""Rows of the texels in those, at most: a lamp's place is known well enough to choose a start."""
 
 FORETELL_DEG = 20.0
 """A lobe that moved further went dark and was sent elsewhere; that foretells nothing."""
@@ -122,7 +111,7 @@ def fit_next_frame(
     cosine = torch.where(dark, -1.0, math.cos(math.radians(LEASH_DEG)))
     leash = Leash(before.axis_z, cosine.to(before.axis_z))
     whole = objective.target(frame.radiance)
-    coarse = _coarse(frame, effort.whole[0].corners)
+    coarse = objective.trial_target(frame.radiance, effort.whole[0].corners)
     width_min = narrowest(frame.height)
     outcome = _started(before, earlier, coarse, leash, width_min)
     if bool(dark.any()):
@@ -174,13 +163,6 @@ def _relit(outcome: newton.Outcome, frame: objective.Target) -> Lobes:
     """Return the lobes with the last solution for their light.  [N, .]."""
     assert outcome.shown is not None  # of lobes that took steps
     return light.relight(outcome.shown, replace(frame, corners=LIGHT), passes=1).lobes[0]
-
-
-def _coarse(frame: Exposed, corners: Corners) -> objective.Target:
-    """Return the map as starts compete for it."""
-    rows = coarser(frame.height, START_FINE_ROWS)
-    radiance = coarsen(frame.radiance, frame.height, rows)
-    return objective.target(radiance, corners, leaves(radiance, START_ROWS, START_REFINED))
 
 
 def _stepped(

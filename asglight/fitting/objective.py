@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import leaves
-from asglight.fitting.grid import coarsen
+from asglight.fitting.grid import coarsen, coarser
 from asglight.fitting.leaves import Leaves
 from asglight.fitting.probes import PROBES, probe, pull, shares
 from asglight.shading import kernels
@@ -41,6 +41,16 @@ which the last scaling mends."""
 PARTS = 2
 """Parts along a side of a cell, 1.4 degrees each on a grid of 64 rows: more gain little on real
 maps."""
+
+
+TRIAL_ROWS = 32
+"""Rows of the grid of cells on which lobes compete: it tells them apart as well as a finer one."""
+
+TRIAL_REFINED = 16
+"""Cells that are refined there; with 64 a map of 128 rows has twice as many leaves."""
+
+TRIAL_FINE_ROWS = 128
+"""Rows of the texels in those, at most: a lamp's place is known well enough to choose."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +167,19 @@ def target(reference: Tensor, corners: Corners = Corners(), places: Leaves | Non
         torch.stack(scales, dim=-1).clamp(min=SCALE_MIN),
         corners,
     )
+
+
+def trial_target(reference: Tensor, corners: Corners = Corners()) -> Target:
+    """Prepare J on few leaves, for lobes that compete.
+
+    Args:
+        reference: Repaired radiance.  [F, 3, H * 2 H]
+        corners: phi's corners.
+    """
+    height = round((reference.shape[-1] / 2) ** 0.5)
+    rows = coarser(height, TRIAL_FINE_ROWS)
+    reference = coarsen(reference, height, rows)
+    return target(reference, corners, leaves.leaves(reference, TRIAL_ROWS, TRIAL_REFINED))
 
 
 def _parts(reference: Tensor, places: Leaves) -> Tensor:
