@@ -56,12 +56,12 @@ def soft_to_sharp(rounds: int) -> tuple[Level, ...]:
             show wrong counts next to nothing, and splits would serve the map at their cost.
     """
     return (
-        Level(8, Corners(1.0, 1.0)),
-        Level(8, Corners(1.0, 0.3)),
-        Level(8, Corners(1.0, 0.1)),
-        Level(8, Corners(0.3, 0.03)),
-        Level(12, Corners(0.1, 0.02)),
-        Level(12, Corners(0.1, 0.01)),
+        Level(6, Corners(1.0, 1.0)),
+        Level(6, Corners(1.0, 0.3)),
+        Level(6, Corners(1.0, 0.1)),
+        Level(6, Corners(0.3, 0.03)),
+        Level(8, Corners(0.1, 0.02)),
+        Level(8, Corners(0.1, 0.01)),
         Level(25, Corners(0.1, 0.005), rounds),
         Level(15, Corners(0.1, 0.002)),
     )
@@ -69,7 +69,7 @@ def soft_to_sharp(rounds: int) -> tuple[Level, ...]:
 
 FAST = Effort((math.inf,), soft_to_sharp(rounds=2))
 
-BEST = Effort((math.inf, 30.0, 4.0), soft_to_sharp(rounds=6))
+BEST = Effort((math.inf, 30.0, 4.0), soft_to_sharp(rounds=12))
 
 LIGHT = Corners(0.1, 0.002)
 """phi's corners of the last solution for the light alone: what it can mend of what balls show."""
@@ -154,13 +154,13 @@ def fit_first_frame(
     if frame.exposure <= 0:
         return FrameFit(dark_lobes(count, first, reference), 0.0, 0.0)
     cells = seeding.cells(reference / frame.exposure)
-    whole = objective.target(frame.radiance)
+    whole, coarse = objective.target(frame.radiance), objective.trial_target(frame.radiance)
     width_min = narrowest(frame.height)
 
     def fitted(form: Form) -> newton.Outcome:
         """Return the end of the best start."""
         seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
-        return best_end(seeds, whole, effort.levels, width_min, on_step)
+        return best_end(seeds, whole, coarse, effort.levels, width_min, on_step)
 
     found = fitted(first)
     if form is None and flat_tops.promises(found.lobes, whole, width_min):
@@ -174,6 +174,7 @@ def fit_first_frame(
 def best_end(
     seeds: list[Lobes],
     frame: objective.Target,
+    coarse: objective.Target,
     levels: tuple[Level, ...],
     width_min: float,
     on_step: newton.OnStep | None = None,
@@ -183,14 +184,15 @@ def best_end(
     Args:
         seeds: Starts, one or more.  [N, .] each
         frame: The map.
+        coarse: The same on few leaves.
         levels: What is done with each.
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: As in `fit_first_frame`.
     """
-    best = descend(seeds[0][None], frame, levels, width_min, on_step)
+    best = descend(seeds[0][None], frame, coarse, levels, width_min, on_step)
     for seed in seeds[1:]:
         report = None if on_step is None else _still(on_step, best.lobes)
-        found = descend(seed[None], frame, levels, width_min, report)
+        found = descend(seed[None], frame, coarse, levels, width_min, report)
         best = min(best, found, key=lambda outcome: lit_wrong(outcome, frame))
     return best
 
@@ -218,6 +220,7 @@ def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
 def descend(
     start: Lobes,
     frame: objective.Target,
+    coarse: objective.Target,
     levels: tuple[Level, ...],
     width_min: float,
     on_step: newton.OnStep | None = None,
@@ -227,6 +230,7 @@ def descend(
     Args:
         start: Where to start.  [1, N, .]
         frame: The map; each level brings its own corners.
+        coarse: The same on few leaves.
         levels: What is done.
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes after each step.
@@ -243,7 +247,8 @@ def descend(
             on_step=on_step,
         )
         if level.rounds:
-            state = regroup(state, softened, level.rounds, width_min)
+            fewer = replace(coarse, corners=level.corners)
+            state = regroup(state, softened, fewer, level.rounds, width_min)
     return state
 
 

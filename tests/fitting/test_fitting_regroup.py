@@ -4,6 +4,7 @@
 import pytest
 import torch
 from lobe_cases import DOUBLE, lamps, random_lobes
+from torch import Tensor
 
 from asglight.fitting import lobe_images, newton, objective, regroup
 from asglight.fitting.leaves import leaves
@@ -13,16 +14,19 @@ TWO = [(1.0, 0.0, 0.2), (1.0, 0.0, -0.5)]
 ALONE = (-1.0, 0.3, 0.0)
 
 
-def _scene(truth: Lobes, height: int = 64) -> objective.Target:
-    maps = texels.texel_means(truth, height, 2 * height)
-    return objective.target(maps.flatten(0, 1).mT[None].contiguous())
+def three_lamps() -> Lobes:
+    return lamps([*TWO, ALONE], [80.0, 60.0, 40.0], [5.0, 6.0, 3.0])
+
+
+def _map(truth: Lobes, height: int = 64) -> Tensor:
+    return texels.texel_means(truth, height, 2 * height).flatten(0, 1).mT[None].contiguous()
 
 
 def misplaced() -> tuple[Lobes, objective.Target]:
     """Return two lobes on one lamp and one between two lamps, and the map."""
-    truth = lamps([*TWO, ALONE], [80.0, 60.0, 40.0], [5.0, 6.0, 3.0])
+    truth = three_lamps()
     start = lamps([(1.0, 0.0, -0.15), ALONE, (-1.0, 0.32, 0.02)], [20.0, 40.0, 40.0], [5, 1.5, 1.5])
-    return start[None], _scene(truth)
+    return start[None], objective.target(_map(truth))
 
 
 def _nearest(lobes: Lobes, wanted: list[tuple[float, float, float]]) -> float:
@@ -31,10 +35,13 @@ def _nearest(lobes: Lobes, wanted: list[tuple[float, float, float]]) -> float:
     return float((lobes.axis_z[0] @ lamp.mT).amax(0).min())
 
 
-def test_a_lobe_goes_from_where_two_stand_to_where_one_stands_for_two() -> None:
+@pytest.mark.parametrize("few", [False, True])
+def test_a_lobe_goes_from_where_two_stand_to_where_one_stands_for_two(few: bool) -> None:
     start, frame = misplaced()
     stuck = newton.minimise(start, frame, 40)
-    found = regroup.regroup(stuck, frame, 6, 0.0)
+    coarse = objective.trial_target(_map(three_lamps())) if few else frame
+    assert (coarse.radiance.shape[-1] < frame.radiance.shape[-1] / 3) == few
+    found = regroup.regroup(stuck, frame, coarse, 6, 0.0)
     assert float(found.value) < 0.05 * float(stuck.value)
     assert _nearest(stuck.lobes, [*TWO, ALONE]) < 0.99
     assert _nearest(found.lobes, [*TWO, ALONE]) > 0.999  # 2.5 degrees
@@ -46,7 +53,7 @@ def test_a_useless_lobe_is_put_to_use() -> None:
     start = lamps([(1.0, 0.0, -0.15), ALONE, (0.0, -1.0, 0.0)], [20.0, 40.0, 500.0], [5, 3, 0])
     stuck = newton.minimise(start[None], frame, 40)
     assert float(asg.flux(stuck.lobes)[0, 2].sum()) < 1e-3 * float(asg.flux(stuck.lobes).sum())
-    found = regroup.regroup(stuck, frame, 6, 0.0)
+    found = regroup.regroup(stuck, frame, frame, 6, 0.0)
     assert float(found.value) < 0.05 * float(stuck.value)
     assert _nearest(found.lobes, [*TWO, ALONE]) > 0.999  # 2.5 degrees
 
@@ -54,7 +61,9 @@ def test_a_useless_lobe_is_put_to_use() -> None:
 def test_it_never_gives_back_a_worse_fit() -> None:
     start, frame = misplaced()
     state = newton.minimise(start, frame, 3)
-    values = [float(regroup.regroup(state, frame, rounds, 0.0).value) for rounds in (0, 1, 2)]
+    values = [
+        float(regroup.regroup(state, frame, frame, rounds, 0.0).value) for rounds in (0, 1, 2)
+    ]
     assert values[0] <= float(state.value)
     assert values[2] <= values[1] <= values[0]
 
@@ -64,7 +73,7 @@ def test_it_never_gives_back_a_worse_fit_of_noise(form: Form) -> None:
     maps = torch.rand(1, 3, 2 * 64**2, generator=torch.Generator().manual_seed(0)) ** 4
     frame = objective.target(maps, places=leaves(maps, 32, 16))
     state = newton.minimise(random_lobes(form, 4).to(torch.float32)[None], frame, 5)
-    found = regroup.regroup(state, frame, 2, 0.02)
+    found = regroup.regroup(state, frame, frame, 2, 0.02)
     assert float(found.value) <= float(state.value)
     shown = lobe_images.images(found.lobes, frame.places).radiance
     # what it reports is the loss of what it returns: the same sums, another batch
@@ -107,7 +116,7 @@ def test_absence_costs_are_those_of_the_quadratic_without_the_lobe() -> None:
 def test_a_single_lobe_is_left_alone() -> None:
     _, frame = misplaced()
     alone = newton.minimise(lamps([ALONE], [40.0], [3.0])[None], frame, 3)
-    assert regroup.regroup(alone, frame, 5, 0.0) is alone
+    assert regroup.regroup(alone, frame, frame, 5, 0.0) is alone
 
 
 @pytest.mark.parametrize("form", list(Form))

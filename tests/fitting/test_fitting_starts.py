@@ -25,19 +25,19 @@ def _starts() -> tuple[list[Lobes], objective.Target, float]:
 
 def test_the_end_that_is_lit_best_is_taken() -> None:
     seeds, frame, width_min = _starts()
-    ends = [first_frame.descend(seed[None], frame, LEVELS, width_min) for seed in seeds]
+    ends = [first_frame.descend(seed[None], frame, frame, LEVELS, width_min) for seed in seeds]
     wrong = [first_frame.lit_wrong(end, frame) for end in ends]
     assert len(set(wrong)) > 1
-    found = first_frame.best_end(seeds, frame, LEVELS, width_min)
+    found = first_frame.best_end(seeds, frame, frame, LEVELS, width_min)
     assert torch.equal(found.lobes.amplitude, ends[wrong.index(min(wrong))].lobes.amplitude)
 
 
 def test_later_starts_report_the_best_end_so_far() -> None:
     seeds, frame, width_min = _starts()
     seen: list[Lobes] = []
-    first_frame.best_end(seeds[:2], frame, LEVELS, width_min, seen.append)
+    first_frame.best_end(seeds[:2], frame, frame, LEVELS, width_min, seen.append)
     alone: list[Lobes] = []
-    end = first_frame.descend(seeds[0][None], frame, LEVELS, width_min, alone.append)
+    end = first_frame.descend(seeds[0][None], frame, frame, LEVELS, width_min, alone.append)
     assert len(seen) > len(alone)
     for reported, expected in zip(seen, alone, strict=False):
         assert torch.equal(reported.axes, expected.axes)

@@ -19,7 +19,7 @@ from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.probes import PROBES
 from asglight.fitting.whole_shot import refine_shot
 from asglight.judging.metrics import frame_errors
-from asglight.lobes import Form, Lobes, asg, texels
+from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 from asglight.lobes.frames import parallel_transport
 
@@ -126,9 +126,10 @@ def test_a_cut_parts_the_shot() -> None:
     together, _ = _refined(whole, before + after)
     alone, _ = _refined(shots[0], before)
     # frame 1 is at an odd place in both, and its neighbour beyond the cut holds it by nothing
-    torch.testing.assert_close(together.axes[1], alone.axes[1], rtol=0, atol=1e-3)
-    flux = asg.flux(together[1]), asg.flux(alone[1])
-    torch.testing.assert_close(*flux, rtol=1e-2, atol=1e-2)
+    torch.testing.assert_close(together.axis_z[1], alone.axis_z[1], rtol=0, atol=1e-3)
+    # not axis x: how a lobe that is nearly round is turned shows in nothing
+    shown = [texels.texel_means(shot[1], 64, 128) for shot in (together, alone)]
+    assert float((shown[0] - shown[1]).abs().sum() / shown[1].sum()) < 0.01
 
 
 def test_black_frames_stay_as_they_are() -> None:
