@@ -2,7 +2,7 @@
 """Every next frame: a few steps from the frame before, the temporal term on.
 
 A lobe keeps its identity: it moves only as the map moves it. A lobe that has gone dark is free, and
-is sent to where the map has most light that the fit lacks.
+goes to where it is needed (sending.py).
 """
 
 import math
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import light, lobe_images, newton, objective, temporal
+from asglight.fitting import light, lobe_images, newton, objective, sending, temporal
 from asglight.fitting.coordinates import Leash
 from asglight.fitting.first_frame import (
     LIGHT,
@@ -22,14 +22,12 @@ from asglight.fitting.first_frame import (
     narrowest,
     with_flux_of,
 )
-from asglight.fitting.leaves import to_cells
 from asglight.fitting.objective import Corners
-from asglight.fitting.probes import PROBES, directions, probe
 from asglight.fitting.resending import Resent, resent
 from asglight.fitting.tracking import claims, drawn, found_again
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import stack
-from asglight.lobes.frames import align, axes_around, parallel_transport
+from asglight.lobes.frames import align, parallel_transport
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,8 @@ class Pursuit:
     Attributes:
         coarse: Steps on the grid on which starts compete, a quarter of the cells.
         whole: Steps on the whole map.
-        sends: Whether a lobe that the frame can spare is sent elsewhere (resending.py).
+        sends: Whether trials tell where free lobes go (sending.py), and which the frame can spare
+            (resending.py).
     """
 
     coarse: tuple[Level, ...]
@@ -71,18 +70,12 @@ DAMPING_START = 0.05
 LEASH_DEG = 9.9
 """From frame to frame a lit lobe turns by less than this: beyond 10 degrees it would be a jump."""
 
-LACKING_SHARE = 5e-3
-"""Filtered radiance lacking at a place, over the largest there is, that is worth a free lobe."""
-
 SUSPECT_LOSS = 1.0
 """Loss from which a frame gets the steps of `FAST` on top, and if that is not enough, is fitted
 afresh as well: far above that of any of ten real maps, each fitted by itself."""
 
 CUT_GAIN = 0.2
 """A fresh fit with less than this share of the loss means a cut: the lobes start anew."""
-
-FREE_LOBE_SHARPNESS = 60.0
-"""Width of a lobe newly sent: sigma = 5 degrees, about the probe that found the place."""
 
 
 def fit_next_frame(
@@ -105,18 +98,20 @@ def fit_next_frame(
     if float(previous.amplitude.max()) <= 0:
         return fit_first_frame(reference, previous.count, previous.form)
     before = _scaled(previous, 1 / _within_reach(frame.exposure, previous))
-    dark = temporal.is_dark(before)
-    if earlier is not None:
-        dark &= temporal.is_dark(earlier)
-    cosine = torch.where(dark, -1.0, math.cos(math.radians(LEASH_DEG)))
+    free = sending.is_free(before, earlier)
+    cosine = torch.where(free, -1.0, math.cos(math.radians(LEASH_DEG)))
     leash = Leash(before.axis_z, cosine.to(before.axis_z))
     whole = objective.target(frame.radiance)
     coarse = objective.trial_target(frame.radiance, effort.whole[0].corners)
     width_min = narrowest(frame.height)
     outcome = _started(before, earlier, coarse, leash, width_min)
-    if bool(dark.any()):
-        sent = _send_free_lobes(outcome.lobes[0], dark, whole)
-        outcome = replace(outcome, lobes=sent[None], shown=None)
+    competing = replace(coarse, corners=effort.whole[-1].corners)
+    if bool(free.any()):
+        if effort.sends:
+            lit = sending.lit_where_worth(outcome, free, competing, leash, width_min)
+        else:
+            lit = sending.sent(outcome.lobes[0], free, whole)
+        outcome = replace(outcome, lobes=lit[None], shown=None)
     held = temporal.prior(outcome.lobes)
     outcome = _stepped(outcome, coarse, effort.coarse, held, leash, width_min)
     outcome = replace(outcome, shown=None)  # now on the leaves of the whole map
@@ -130,7 +125,6 @@ def fit_next_frame(
             return fresh
     lit = align(_relit(outcome, whole), before)
     if effort.sends:
-        competing = replace(coarse, corners=effort.whole[-1].corners)
         going = resent(lit, before, competing, width_min)
         if going is not None:
             lit = _without(lit, going, whole, leash, width_min)
@@ -151,12 +145,8 @@ def _without(
         Leash(leash.axis_z[rest], leash.cosine[rest]),
         width_min,
     )
-    found = lobes.clone()
-    for index, part in ((rest, _relit(outcome, frame)), (torch.tensor([going.index]), going.lobe)):
-        found.axes[index] = part.axes
-        found.sharpness[index] = part.sharpness
-        found.amplitude[index] = part.amplitude
-    return found
+    lit = lobes.replaced(rest, _relit(outcome, frame))
+    return lit.replaced(torch.tensor([going.index]), going.lobe)
 
 
 def _relit(outcome: newton.Outcome, frame: objective.Target) -> Lobes:
@@ -263,33 +253,3 @@ def _within_reach(exposure: float, previous: Lobes) -> float:
 
 def _scaled(lobes: Lobes, factor: float) -> Lobes:
     return Lobes(lobes.axes, lobes.sharpness, lobes.amplitude * factor, lobes.form)
-
-
-def _send_free_lobes(lobes: Lobes, free: Tensor, frame: objective.Target) -> Lobes:
-    """Send each free lobe to the place where the sharpest probe lacks most light.
-
-    A lobe is free when it was dark in both frames before, so that it can move while it is dark.
-
-    Args:
-        lobes: All lobes.  [N, .]
-        free: Which are free.  [N]
-        frame: The map and its weights.
-    """
-    sharpest = PROBES[-1]
-    rows = frame.places.rows
-    wanted = probe(to_cells(frame.radiance, frame.places), rows)[-1][0]  # [3, D]
-    brightest = float(wanted.sum(0).max())
-    places = directions(sharpest, rows).to(wanted)
-    axes, sharpness = lobes.axes.clone(), lobes.sharpness.clone()
-    amplitude = lobes.amplitude.clone()
-    for index in torch.nonzero(free).flatten().tolist():
-        current = Lobes(axes, sharpness, amplitude, lobes.form)[None]
-        shown = lobe_images.images(current, frame.places).radiance
-        lacking = wanted - probe(to_cells(shown, frame.places), rows)[-1][0]
-        place = int(lacking.sum(0).argmax())
-        if float(lacking[:, place].sum()) < LACKING_SHARE * brightest:
-            break
-        axes[index] = axes_around(places[place])
-        sharpness[index] = FREE_LOBE_SHARPNESS
-        amplitude[index] = lacking[:, place].clamp(min=0)
-    return Lobes(axes, sharpness, amplitude, lobes.form)

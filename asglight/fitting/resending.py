@@ -9,14 +9,10 @@ will light it. Whether that is worth while, and where it goes, a trial split tel
 from dataclasses import dataclass, replace
 
 import torch
-from torch import Tensor
 
-from asglight.fitting import lobe_images, newton, objective, regroup
-from asglight.lobes import Lobes, asg
+from asglight.fitting import lobe_images, newton, objective, regroup, temporal
+from asglight.lobes import Lobes
 from asglight.lobes.data import stack
-
-FAINT_SHARE = 0.01
-"""Share of the flux above which a lobe that turns far is seen to jump."""
 
 WORTH = 0.06
 """J from which it is worth while to look for one: ten real maps and slow skies stay below."""
@@ -48,15 +44,6 @@ class Resent:
     lobe: Lobes
 
 
-def faint(lobes: Lobes) -> Tensor:
-    """Tell which lobes hold so little of the flux that they may turn as they like.
-
-    [..., N, .] -> [..., N].
-    """
-    flux = asg.flux(lobes).sum(-1)
-    return flux < FAINT_SHARE * flux.sum(-1, keepdim=True)
-
-
 def resent(lobes: Lobes, before: Lobes, frame: objective.Target, width_min: float) -> Resent | None:
     """Choose a lobe to send, if that gains enough.
 
@@ -66,7 +53,7 @@ def resent(lobes: Lobes, before: Lobes, frame: objective.Target, width_min: floa
         frame: The map, on a coarse grid.
         width_min: Sigma of the narrowest lobe allowed, radians.
     """
-    may_go = faint(lobes) & faint(before) & (lobes.amplitude.amax(-1) > 0)
+    may_go = temporal.is_faint(lobes) & temporal.is_faint(before) & (lobes.amplitude.amax(-1) > 0)
     if not bool(may_go.any()):
         return None
     shown = lobe_images.images(lobes[None], frame.places)

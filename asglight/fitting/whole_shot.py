@@ -60,7 +60,7 @@ def refine_shot(
     Yields:
         Index of the first frame of a chunk, the chunk's lobes [F', N, .] and its losses.
     """
-    shot = lobes.clone()
+    shot = temporal.waiting(lobes).clone()
     first = 0
     for frames in chunks:
         losses = _refine(shot, first, frames)

@@ -113,6 +113,19 @@ class Lobes:
             amplitude=self.amplitude[..., lobes, :],
         )
 
+    def replaced(self, lobes: Tensor, others: "Lobes") -> Self:
+        """Return a copy with other lobes in the places that `select` picks.
+
+        Args:
+            lobes: Indices or mask along N.
+            others: As many as are picked.
+        """
+        found = self.clone()
+        found.axes[..., lobes, :, :] = others.axes
+        found.sharpness[..., lobes, :] = others.sharpness
+        found.amplitude[..., lobes, :] = others.amplitude
+        return found
+
 
 def stack(frames: list[Lobes]) -> Lobes:
     """Stack equally many lobes of F frames along a new first dimension.  [F, N, .]."""

@@ -37,6 +37,12 @@ def test_a_lobe_turns_between_two_dark_frames() -> None:
     assert directions(temporal.waiting(lobes)) == [0, 0, 0, 1, 1, 1]
 
 
+@pytest.mark.parametrize(("light", "turned"), [(0.004, 1), (0.006, 0)])
+def test_a_faint_lobe_turns_as_it_goes_dark(light: float, turned: int) -> None:
+    lobes = shot([0, 0, 0, 1], [1.0, light, 0.0, 1.0])
+    assert directions(temporal.waiting(lobes)) == [0, 0, turned, 1]
+
+
 def test_a_lobe_that_is_dark_at_first_waits_from_the_first_frame_on() -> None:
     lobes = shot([0, 0, 1, 1], [0.0, 0.0, 1.0, 1.0])
     assert directions(temporal.waiting(lobes)) == [1, 1, 1, 1]
@@ -54,6 +60,13 @@ def test_waiting_changes_directions_only() -> None:
     waited = temporal.waiting(lobes)
     assert torch.equal(waited.amplitude, lobes.amplitude)
     assert torch.equal(waited.sharpness, lobes.sharpness)
+
+
+def test_faint_is_a_share_of_the_flux_of_the_frame() -> None:
+    one = lamps(PLACES, [20.0] * 3, [1.0, 6e-3, 4e-3])
+    assert temporal.is_faint(one).tolist() == [False, False, True]
+    brighter = Lobes(one.axes, one.sharpness, 1e6 * one.amplitude)
+    assert temporal.is_faint(brighter).tolist() == [False, False, True]
 
 
 def test_dark_is_a_share_of_the_flux_of_the_frame() -> None:

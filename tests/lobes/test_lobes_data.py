@@ -68,6 +68,18 @@ def test_indexing_stacking_and_selecting_agree() -> None:
         assert torch.equal(getattr(by_mask, field), expected[[0, 2]])
 
 
+def test_replacing_puts_others_where_selecting_picks() -> None:
+    lobes = stack([lobe_samples.random_lobes(3, Form.ASG, seed=seed) for seed in range(2)])
+    others = stack([lobe_samples.random_lobes(2, Form.ASG, seed=seed) for seed in (8, 9)])
+    for places in (torch.tensor([2, 0]), torch.tensor([True, False, True])):
+        before = lobes.clone()
+        found = lobes.replaced(places, others)
+        for field in ("axes", "sharpness", "amplitude"):
+            assert torch.equal(getattr(found.select(places), field), getattr(others, field))
+            assert torch.equal(getattr(found, field)[:, 1], getattr(lobes, field)[:, 1])
+            assert torch.equal(getattr(lobes, field), getattr(before, field))
+
+
 def test_conversion_converts_every_tensor_and_keeps_the_form() -> None:
     lobes = lobe_samples.random_lobes(2, Form.SG).to(torch.float32)
     dtypes = {lobes.axes.dtype, lobes.sharpness.dtype, lobes.amplitude.dtype}

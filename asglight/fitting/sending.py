@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Free lobes go to where they are needed: dark ones, that nobody saw turn there.
+
+A lamp that passes overhead moves further from frame to frame than a lit lobe may turn. Lobes that
+are free take over from those that cannot keep up, which fade behind it and are free in their turn.
+A few steps tell whether a place is worth a free lobe: one that is sent to a poor place goes dark
+again, and is missed where it is needed a frame later.
+"""
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from asglight.fitting import lobe_images, newton, objective, regroup, temporal
+from asglight.fitting.coordinates import Leash
+from asglight.fitting.leaves import to_cells
+from asglight.fitting.probes import PROBES, directions, probe
+from asglight.lobes import Lobes
+from asglight.lobes.data import stack
+from asglight.lobes.frames import axes_around, parallel_transport
+
+LACKING_SHARE = 5e-3
+"""Filtered radiance lacking at a place, over the largest there is, that is worth a free lobe."""
+
+SHARPNESS = 60.0
+"""Of a lobe newly sent: sigma = 5 degrees, about the probe that found the place."""
+
+ROUNDS = 2
+"""Lobes lit in a frame, at most: with 4 the next frames have none left more often."""
+
+SPLITS = 2
+"""Splits that compete with the place that lacks most light: of the lobe that most of J lies on."""
+
+STEPS_BEFORE, STEPS = 4, 4
+"""Steps on few leaves: of the lit lobes before the first trial, and of all in each trial. After two
+before it what lacks light is often only what has not been followed yet."""
+
+GAIN = 0.05
+"""Share of J that a trial must gain; with less, lobes go where they are worth little and are
+missed later."""
+
+
+def is_free(before: Lobes, earlier: Lobes | None) -> Tensor:
+    """Tell which lobes may be lit anywhere.
+
+    Those that were dark, and so faint the frame before that they could turn while they faded.
+
+    Args:
+        before: The frame before.  [N, .]
+        earlier: The frame before that, if there is one.  [N, .]
+    """
+    free = temporal.is_dark(before)
+    return free if earlier is None else free & temporal.is_faint(earlier)
+
+
+def lit_where_worth(
+    start: newton.Outcome,
+    free: Tensor,
+    frame: objective.Target,
+    leash: Leash,
+    width_min: float,
+) -> Lobes:
+    """Light free lobes one by one, each where a few steps gain most.
+
+    Args:
+        start: The lobes, free ones dark.  F = 1
+        free: Which are free.  [N]
+        frame: The map on few leaves.
+        leash: How far each lobe may go.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+
+    Returns:
+        The lobes after some steps.  [N, .]
+    """
+    lit = ~(free & temporal.is_dark(start.lobes[0]))
+    others = start.lobes.select(lit)
+    stepped = newton.minimise(
+        others,
+        frame,
+        STEPS_BEFORE,
+        priors=[temporal.prior(others)],
+        damping=start.damping,
+        width_min=width_min,
+        leash=Leash(leash.axis_z[lit], leash.cosine[lit]),
+    )
+    best = start.lobes[0].replaced(lit, stepped.lobes[0])
+    for _ in range(ROUNDS):
+        idle = torch.nonzero(free & temporal.is_dark(best)).flatten().tolist()
+        if not idle:
+            break
+        trials = [best, *_trials(best, idle[0], frame, leash)]
+        found = newton.minimise(
+            stack(trials),
+            frame.repeated(len(trials)),
+            STEPS,
+            damping=start.damping,
+            width_min=width_min,
+            leash=leash,
+        )
+        if float(found.value[1:].min()) > (1 - GAIN) * float(found.value[0]):
+            break
+        best = found.best().lobes[0]
+    return best
+
+
+def _trials(lobes: Lobes, index: int, frame: objective.Target, leash: Leash) -> list[Lobes]:
+    """Return the lobes with a dark one in each place that it may be worth."""
+    shown = lobe_images.images(lobes[None], frame.places)
+    may_go = torch.full((lobes.count,), torch.inf)
+    may_go[index] = 0.0
+    splits = regroup.ordered(shown, frame, may_go)[:SPLITS]
+    own = torch.zeros(lobes.count, dtype=torch.bool, device=lobes.axes.device)
+    own[index] = True
+    trials = [regroup.halved(lobes, *split) for split in splits] + [sent(lobes, own, frame)]
+    return [replace(t, axes=parallel_transport(t.axes, leash.hold(t.axis_z))) for t in trials]
+
+
+def sent(lobes: Lobes, free: Tensor, frame: objective.Target) -> Lobes:
+    """Send each free lobe to the place where the sharpest probe lacks most light.
+
+    Args:
+        lobes: All lobes.  [N, .]
+        free: Which are free.  [N]
+        frame: The map and its weights.
+    """
+    sharpest = PROBES[-1]
+    rows = frame.places.rows
+    wanted = probe(to_cells(frame.radiance, frame.places), rows)[-1][0]  # [3, D]
+    brightest = float(wanted.sum(0).max())
+    places = directions(sharpest, rows).to(wanted)
+    axes, sharpness = lobes.axes.clone(), lobes.sharpness.clone()
+    amplitude = lobes.amplitude.clone()
+    for index in torch.nonzero(free).flatten().tolist():
+        current = Lobes(axes, sharpness, amplitude, lobes.form)[None]
+        shown = lobe_images.images(current, frame.places).radiance
+        lacking = wanted - probe(to_cells(shown, frame.places), rows)[-1][0]
+        place = int(lacking.sum(0).argmax())
+        if float(lacking[:, place].sum()) < LACKING_SHARE * brightest:
+            break
+        axes[index] = axes_around(places[place])
+        sharpness[index] = SHARPNESS
+        amplitude[index] = lacking[:, place].clamp(min=0)
+    return Lobes(axes, sharpness, amplitude, lobes.form)
