@@ -139,11 +139,15 @@ def draw_curves(path: Path, result: dict[str, Any]) -> None:
 
 
 def _curve(axes: Axes, key: str, method: str, points: Sequence[dict[str, float]]) -> None:
-    """Draw the points that have the metric, and mark the last."""
+    """Draw the points that have the metric, and mark the last.
+
+    A preset's state stays until the next; of the paper's steps only some were kept.
+    """
     colour, marker = LOOKS[method]
+    style = "default" if method == "paper" else "steps-post"
     known = [(point["wall_seconds"], point[key]) for point in points if key in point]
     seconds, errors = zip(*known, strict=True)
-    axes.plot(seconds, errors, color=colour, linewidth=2)
+    axes.plot(seconds, errors, color=colour, linewidth=2, drawstyle=style)
     axes.plot(seconds[-1], errors[-1], marker, color=colour, markersize=10)
 
 

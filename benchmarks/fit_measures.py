@@ -187,15 +187,14 @@ def races(points: Sequence[Point], curve: Sequence[Point]) -> dict[str, dict[str
 
     Down to the paper's last loss, irr and r0.25, for which the paper needs its whole run; to its
     last loss and 1 %, where it stands much earlier; and, as `back`, to the preset's own last loss.
+    A preset is there when a state of it is, the paper where the line between two of its steps is.
     """
     result: dict[str, dict[str, float | None]] = {}
     for name in RACED:
         level, slow = points[-1][name], points[-1]["wall_seconds"]
-        result[name] = _race(level, slow, time_to_reach(curve, name, level))
+        result[name] = _race(level, slow, first_at(curve, name, level))
     near, last = 1.01 * points[-1]["loss"], curve[-1]["loss"]
-    result["near"] = _race(
-        near, time_to_reach(points, "loss", near), time_to_reach(curve, "loss", near)
-    )
+    result["near"] = _race(near, time_to_reach(points, "loss", near), first_at(curve, "loss", near))
     result["back"] = _race(last, time_to_reach(points, "loss", last), curve[-1]["wall_seconds"])
     return result
 
@@ -205,10 +204,18 @@ def _race(level: float, slow: float | None, quick: float | None) -> dict[str, fl
     return {"level": level, "paper_seconds": slow, "seconds": quick, "times_faster": ratio}
 
 
+def first_at(curve: Sequence[Point], name: str, level: float) -> float | None:
+    """Return the wall seconds of the first state with an error at or below a level; None for never.
+
+    Between two states a preset may be trying others, which it does not report.
+    """
+    return next((point["wall_seconds"] for point in curve if point[name] <= level), None)
+
+
 def time_to_reach(curve: Sequence[Point], name: str, level: float) -> float | None:
     """Return the wall seconds at which an error first comes down to a level; None for never.
 
-    The error is taken as linear between two points.
+    The error is taken as linear between two points, which are some of many steps.
     """
     seconds = [point["wall_seconds"] for point in curve]
     errors = [point[name] for point in curve]

@@ -220,9 +220,19 @@ def test_time_to_reach_is_linear_between_points(level: float, seconds: float | N
     )
 
 
+@pytest.mark.parametrize(
+    ("level", "seconds"), [(0.9, 1.0), (0.6, 2.0), (0.4, 2.0), (0.3, 5.0), (0.1, None)]
+)
+def test_first_at_waits_for_a_state_that_is_there(level: float, seconds: float | None) -> None:
+    assert fit_measures.first_at(CURVE, "loss", level) == seconds
+
+
 def test_races_compare_times_to_the_same_error() -> None:
     paper = [{"wall_seconds": 10.0 * k, "loss": 1 / k, "irr": 0.1, "r0.25": 0.2} for k in (1, 2, 4)]
-    ours = [{"wall_seconds": 0.5, "loss": 0.3, "irr": 0.2, "r0.25": 0.1}]
+    ours = [
+        {"wall_seconds": 0.1, "loss": 0.9, "irr": 0.3, "r0.25": 0.3},
+        {"wall_seconds": 0.5, "loss": 0.3, "irr": 0.2, "r0.25": 0.1},
+    ]
     races = fit_measures.races(paper, ours)
     assert races["loss"] == {"level": 0.25, "paper_seconds": 40.0, "seconds": None} | {
         "times_faster": None

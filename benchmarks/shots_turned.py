@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well a sequence is followed, whichever way it is turned: the presets side by side.
+
+    python benchmarks/shots_turned.py ../shared/sequences/tunnel
+
+Where lamps rush past, a hair decides which lobe goes to which lamp, so one sequence decides little.
+It is followed six times: as it is and turned by a third, forward, backward and mirrored. Errors are
+those of asglight.fitting.measures, within 1 % of the judge's. Worst is the largest r0.5 of any
+frame, of the luckiest and the unluckiest of the six; flicker is taken of what r0.5 shows.
+"""
+
+import argparse
+import statistics
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from asglight.fitting import lobe_images, measures
+from asglight.fitting.options import LOBES, FitOptions, Preset
+from asglight.fitting.probes import probe
+from asglight.fitting.temporal import waiting
+from asglight.images.sequence import open_sequence
+from asglight.judging.following import follow, jumps, refined
+from asglight.lobes import Lobes
+from asglight.lobes.data import stack
+
+PRESETS = (Preset.LIVE, Preset.FAST)
+
+
+class Shot(NamedTuple):
+    """What was measured of one followed sequence.
+
+    Attributes:
+        irr: Of each frame.
+        rough: r0.5 of each frame.
+        flicker: Of what r0.5 shows: sum |change of fit - change of ref| / sum of ref.
+        jumps: Lit lobes that turn by more than 10 degrees.
+        seconds: Of the processor, a frame after the first.
+    """
+
+    irr: list[float]
+    rough: list[float]
+    flicker: float
+    jumps: int
+    seconds: float
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Follow a sequence in each way with each preset, print a table."""
+    parser = argparse.ArgumentParser(prog="shots_turned", description=__doc__)
+    parser.add_argument("sequence", metavar="DIR", help="a sequence of latlong maps")
+    parser.add_argument("--frames", type=int, metavar="N", help="the first N of it (all)")
+    options = parser.parse_args(argv)
+    sequence = open_sequence(options.sequence)
+    maps = [sequence.read(frame).radiance for frame in sequence.frames[: options.frames]]
+    if len(maps) < 2:
+        parser.error(f"{options.sequence}: {len(maps)} frame; expected two or more to follow")
+    found = {
+        preset.value: [measured(each, FitOptions(LOBES, preset)) for each in ways(maps)]
+        for preset in PRESETS
+    }
+    print(table(found))
+    return 0
+
+
+def ways(maps: list[Tensor]) -> list[list[Tensor]]:
+    """Return a sequence as it is and turned by a third: forward, backward, mirrored."""
+    turned = [each.roll(round(each.shape[1] / 3), dims=1) for each in maps]
+    both = [maps, turned]
+    mirrored = [[each.flip(1) for each in way] for way in both]
+    return [*both, *(way[::-1] for way in both), *mirrored]
+
+
+def measured(maps: list[Tensor], options: FitOptions) -> Shot:
+    """Follow a sequence; `fast` and `best` refine it, as `asglight fit` does."""
+    found, seconds = follow(maps, options)
+    if options.preset is not Preset.LIVE:
+        found, seconds = refined(maps, found, seconds)
+    shot = waiting(stack(found))  # as it is written
+    lobes = [shot[frame] for frame in range(len(maps))]
+    truth = [measures.shown(each) for each in maps]
+    errors = [measures.errors(*pair) for pair in zip(lobes, truth, strict=True)]
+    return Shot(
+        [each["irr"] for each in errors],
+        [each["r0.5"] for each in errors],
+        _flicker(lobes, truth),
+        jumps(lobes),
+        statistics.fmean(spent["cpu_seconds"] for spent in seconds[1:]),
+    )
+
+
+def _flicker(lobes: list[Lobes], truth: list[measures.Shown]) -> float:
+    last = list(measures.MEASURED).index("r0.5")
+    sources = tuple(measures.MEASURED.values())
+    wanted = torch.stack([each.views[last] for each in truth])
+    rows = truth[0].rows
+    even = measures.even_cells(rows, str(wanted.device))
+    images = (lobe_images.images(each[None], even).radiance[0] for each in lobes)
+    views = torch.stack([probe(image, rows, sources)[last] for image in images])
+    missed = views - wanted
+    return float(sum((b - a).abs().sum() for a, b in pairwise(missed)) / wanted.sum())
+
+
+def table(found: dict[str, list[Shot]]) -> str:
+    """Return a row a preset.
+
+    Args:
+        found: What was measured each way.
+    """
+    lines = [
+        "| preset | irr | r0.5 | median r0.5 | worst r0.5 | flicker | jumps | s a frame |",
+        "|---|" + "--:|" * 7,
+    ]
+    for preset, shots in found.items():
+        rough = [error for shot in shots for error in shot.rough]
+        worst = [max(shot.rough) for shot in shots]
+        lines.append(
+            f"| {preset} | {statistics.fmean(e for shot in shots for e in shot.irr):.4f} "
+            f"| {statistics.fmean(rough):.4f} | {statistics.median(rough):.4f} "
+            f"| {min(worst):.3f} to {max(worst):.3f} "
+            f"| {statistics.fmean(shot.flicker for shot in shots):.4f} "
+            f"| {sum(shot.jumps for shot in shots)} "
+            f"| {statistics.fmean(shot.seconds for shot in shots):.3f} |"
+        )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
