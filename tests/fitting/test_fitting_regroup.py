@@ -89,6 +89,29 @@ def test_the_lobe_that_costs_nothing_is_the_one_that_stands_in_for_another() -> 
     assert float(costs[1:].min()) < 0.1 * float(costs[0])
 
 
+def test_each_lobe_is_halved_for_each_of_the_cheapest_worst_ones_first() -> None:
+    lobes = random_lobes(Form.ASG, 7).to(torch.float32)[None]
+    frame = objective.target(_map(three_lamps()))
+    shown = lobe_images.images(lobes, frame.places)
+    costs = torch.tensor([6.0, 1.0, 5.0, 2.0, torch.inf, 3.0, 4.0])
+    splits = regroup.ordered(shown, frame, costs)
+    assert len(set(splits)) == len(splits) == 7 * regroup.GONE_MAX * 2
+    ascending = [1, 3, 5, 6, 2, 0]
+    for lobe in range(7):
+        own = [split for split in splits if split.lobe == lobe]
+        expected = [index for index in ascending if index != lobe][: regroup.GONE_MAX]
+        assert [split.gone for split in own[::2]] == expected
+        assert [split.axis for split in own] == [0, 1] * regroup.GONE_MAX
+    early = splits[: 2 * regroup.GONE_STEP]
+    assert all(s.gone == (1 if s.lobe != 1 else 3) for s in early)
+    assert len({s.lobe for s in early}) == regroup.GONE_STEP
+    # how much of J lies on each: its share of the light at a leaf, of all that lies there
+    error = objective.placed(shown.radiance, frame)[0].double()
+    light = (shown.values[0] * lobes.amplitude[0].sum(-1, keepdim=True)).double()
+    lies = (light / light.sum(0) * error).nansum(-1)
+    assert [s.lobe for s in early[::2]] == lies.argsort(descending=True)[: len(early) // 2].tolist()
+
+
 def test_absence_costs_are_those_of_the_quadratic_without_the_lobe() -> None:
     start, frame = misplaced()
     shown = lobe_images.images(start, frame.places)
