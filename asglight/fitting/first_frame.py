@@ -148,8 +148,9 @@ def fit_first_frame(
         count: N.
         form: Lobe function; None for asg, or flat where that shows the map better (flat_tops.py).
         effort: How much is spent.
-        on_step: Called after each step with lobes in units of the map's mean radiance: those of
-            the first start, then the best of the starts that are done.  [1, N, .]
+        on_step: Called after each step, and each round of splits that is kept, with lobes in units
+            of the map's mean radiance: those of the first start, then the best of the starts that
+            are done.  [1, N, .]
     """
     frame = exposed(reference)
     first = form or Form.ASG
@@ -235,7 +236,7 @@ def descend(
         coarse: The same on few leaves.
         levels: What is done.
         width_min: Sigma of the narrowest lobe allowed, radians.
-        on_step: Called with the lobes after each step.
+        on_step: Called with the lobes after each step, and each round of splits that is kept.
     """
     state = newton.Outcome(start, torch.empty(0), torch.tensor(newton.DAMPING_START))
     for level in levels:
@@ -250,7 +251,7 @@ def descend(
         )
         if level.rounds:
             fewer = replace(coarse, corners=level.corners)
-            state = regroup(state, softened, fewer, level.rounds, width_min)
+            state = regroup(state, softened, fewer, level.rounds, width_min, on_step)
     return state
 
 

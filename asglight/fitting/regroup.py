@@ -78,6 +78,7 @@ def regroup(
     coarse: objective.Target,
     rounds: int,
     width_min: float,
+    on_step: newton.OnStep | None = None,
 ) -> newton.Outcome:
     """Try splits, the worst lobes first, until all fail or the rounds are over.
 
@@ -87,10 +88,12 @@ def regroup(
         coarse: The same on few leaves.
         rounds: At most; `TRIALS` splits compete in each.
         width_min: Sigma of the narrowest lobe allowed, radians.
+        on_step: Called with the lobes after each step before the first round, and after each round
+            that is kept.
     """
     if start.lobes.count < 2:
         return start
-    best = newton.minimise(start.lobes, frame, SETTLING_STEPS, width_min=width_min)
+    best = newton.minimise(start.lobes, frame, SETTLING_STEPS, width_min=width_min, on_step=on_step)
     tried: set[Split] = set()
     for _ in range(rounds):
         shown = best.shown
@@ -106,6 +109,8 @@ def regroup(
         found = newton.minimise(trials.best().lobes, frame, STEPS, width_min=width_min)
         if float(found.value) < (1 - GAIN) * float(best.value):
             best, tried = found, set()
+            if on_step is not None:
+                on_step(best.lobes)
     return best
 
 

@@ -68,6 +68,18 @@ def test_it_never_gives_back_a_worse_fit() -> None:
     assert values[2] <= values[1] <= values[0]
 
 
+def test_it_reports_every_state_that_it_keeps_the_last_one_is_its_result() -> None:
+    start, frame = misplaced()
+    seen: list[Lobes] = []
+    found = regroup.regroup(newton.minimise(start, frame, 3), frame, frame, 6, 0.0, seen.append)
+    images = [lobe_images.images(lobes, frame.places).radiance for lobes in seen]
+    values = [float(objective.value(image, frame)) for image in images]
+    assert len(values) > regroup.SETTLING_STEPS  # rounds were kept as well
+    assert values == sorted(values, reverse=True)
+    assert torch.equal(seen[-1].axes, found.lobes.axes)
+    assert torch.equal(seen[-1].amplitude, found.lobes.amplitude)
+
+
 @pytest.mark.parametrize("form", list(Form))
 def test_it_never_gives_back_a_worse_fit_of_noise(form: Form) -> None:
     maps = torch.rand(1, 3, 2 * 64**2, generator=torch.Generator().manual_seed(0)) ** 4
