@@ -172,7 +172,7 @@ def _race(axes: Axes, place: int, preset: str, race: dict[str, float | None]) ->
     axes.annotate(
         f"{preset}: {times(race['times_faster'])} times faster",
         (math.sqrt(quick * slow), level),
-        (0, 4),
+        (0, -15 if place else 4),  # under all but the first: over them end marks of fits
         down,
         "offset points",
         color=colour,
