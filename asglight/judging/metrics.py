@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from asglight.fitting.sequence import one_thread
 from asglight.lobes import Lobes, texels
 from asglight.shading import kernels
 from asglight.sphere import latlong
@@ -57,8 +58,12 @@ class FrameErrors:
     reference_filtered: Tensor = field(repr=False)
 
 
+@one_thread()
 def frame_errors(lobes: Lobes, reference: Tensor) -> FrameErrors:
     """Judge the lobes of one frame against its map.
+
+    On one thread of the processor: its blocks are small, and with two threads beside another
+    program on a machine of two cores a frame took up to a minute, for 0.2 s.
 
     Args:
         lobes: N lobes.  [N, .]
@@ -76,6 +81,7 @@ def map_errors(fit: Tensor, reference: Tensor) -> FrameErrors:
     return maps_errors(fit[None], reference)[0]
 
 
+@one_thread()
 def maps_errors(fits: Tensor, reference: Tensor) -> list[FrameErrors]:
     """Judge several maps against one reference: the kernels, which cost most, are computed once.
 

@@ -278,3 +278,24 @@ def test_the_irradiance_error_alone_is_that_among_the_others() -> None:
     found = metrics.irradiance_error(_lobes(5.0), reference)
     every = metrics.frame_errors(_lobes(5.0), reference).values
     assert found == pytest.approx(every["irr"], rel=SINGLE)
+
+
+def test_a_frame_is_judged_on_one_thread_and_others_have_theirs_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen: list[int] = []
+
+    def texel_means(*arguments: object) -> torch.Tensor:
+        seen.append(torch.get_num_threads())
+        return torch.ones(HEIGHT, WIDTH, 3)
+
+    monkeypatch.setattr(texels, "texel_means", texel_means)
+    lobes = Lobes(torch.eye(3)[None], torch.ones(1, 2), torch.ones(1, 3), Form.ASG)
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        metrics.frame_errors(lobes, torch.ones(HEIGHT, WIDTH, 3))
+        after = torch.get_num_threads()
+    finally:
+        torch.set_num_threads(before)
+    assert (seen, after) == ([1], 2)
