@@ -47,6 +47,10 @@ class Effort:
     fine: bool = False
 
 
+LAST = Level(15, Corners(0.1, 0.002))
+"""Under the sharpest corners; what they ask for is what the metrics ask for."""
+
+
 def soft_to_sharp(rounds: int) -> tuple[Level, ...]:
     """Return the levels of a first frame, from soft corners to sharp ones.
 
@@ -65,7 +69,7 @@ def soft_to_sharp(rounds: int) -> tuple[Level, ...]:
         Level(8, Corners(0.1, 0.02)),
         Level(8, Corners(0.1, 0.01)),
         Level(25, Corners(0.1, 0.005), rounds),
-        Level(15, Corners(0.1, 0.002)),
+        LAST,
     )
 
 
@@ -76,14 +80,9 @@ BEST = Effort((math.inf, 30.0, 4.0), soft_to_sharp(rounds=30), fine=True)
 in one fit by a fifth."""
 
 FINE_ROWS, FINE_REFINED = 128, 256
-"""Of the leaves of the last steps. After many splits a lobe may have become a streak so thin that
-the usual ones see it between their centres: on one map a twentieth of the light was in one, and J
-8 % larger than they showed."""
-
-FINE_STEPS = 15
-
-LIGHT = Corners(0.1, 0.002)
-"""phi's corners of the last solution for the light alone: what it can mend of what balls show."""
+"""Of the leaves on which `LAST` is repeated. After many splits a lobe may have become a streak so
+thin that the usual ones see it between their centres: on one map a twentieth of the light was in
+one, and J 8 % larger than they showed."""
 
 ROWS_MIN = 16
 """Of the grid that a map is fitted on. Lobes are seen at the centres of cells, which tells little
@@ -209,7 +208,7 @@ def best_end(
         found = descend(seed[None], frame, coarse, levels, width_min, report)
         if fine is None:
             return found
-        return newton.minimise(found.lobes, fine, FINE_STEPS, width_min=width_min, on_step=report)
+        return newton.minimise(found.lobes, fine, LAST.steps, width_min=width_min, on_step=report)
 
     best = end(seeds[0], on_step)
     for seed in seeds[1:]:
@@ -220,9 +219,8 @@ def best_end(
 
 def on_fine_leaves(frame: Exposed) -> objective.Target:
     """Return a map on the leaves of the last steps, under the last corners."""
-    return objective.target(
-        frame.radiance, LIGHT, leaves.leaves(frame.radiance, FINE_ROWS, FINE_REFINED)
-    )
+    places = leaves.leaves(frame.radiance, FINE_ROWS, FINE_REFINED)
+    return objective.target(frame.radiance, LAST.corners, places)
 
 
 def _still(on_step: newton.OnStep, best: Lobes) -> newton.OnStep:
@@ -231,14 +229,14 @@ def _still(on_step: newton.OnStep, best: Lobes) -> newton.OnStep:
 
 
 def relit(found: newton.Outcome, frame: objective.Target) -> lobe_images.Images:
-    """Return the end of a start with the last solution for its light.
+    """Return lobes that took their steps with the last solution for their light.
 
     Args:
-        found: The end of a start.  F = 1.
+        found: The lobes.  F = 1.
         frame: The map.
     """
     assert found.shown is not None  # of lobes that took steps
-    return light.relight(found.shown, replace(frame, corners=LIGHT), passes=1)
+    return light.last(found.shown, frame)
 
 
 def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
@@ -250,7 +248,7 @@ def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
         found: The end of a start.  F = 1.
         frame: The map.
     """
-    sharp = replace(frame, corners=LIGHT)
+    sharp = replace(frame, corners=light.CORNERS)
     seen = objective.sizes(relit(found, frame).radiance, sharp).seen
     return float(objective.of_materials(seen, sharp))
 

@@ -14,12 +14,12 @@ from torch import Tensor
 from asglight.fitting import light, lobe_images, newton, objective, sending, temporal
 from asglight.fitting.coordinates import Leash
 from asglight.fitting.first_frame import (
-    LIGHT,
     FrameFit,
     Level,
     exposed,
     fit_first_frame,
     narrowest,
+    relit,
     with_flux_of,
 )
 from asglight.fitting.objective import Corners
@@ -123,7 +123,7 @@ def fit_next_frame(
         fresh = fit_first_frame(reference, previous.count, previous.form)
         if fresh.loss < CUT_GAIN * loss:
             return fresh
-    lit = align(_relit(outcome, whole), before)
+    lit = align(relit(outcome, whole).lobes[0], before)
     if effort.sends:
         going = resent(lit, before, competing, width_min)
         if going is not None:
@@ -145,14 +145,8 @@ def _without(
         Leash(leash.axis_z[rest], leash.cosine[rest]),
         width_min,
     )
-    lit = lobes.replaced(rest, _relit(outcome, frame))
+    lit = lobes.replaced(rest, relit(outcome, frame).lobes[0])
     return lit.replaced(torch.tensor([going.index]), going.lobe)
-
-
-def _relit(outcome: newton.Outcome, frame: objective.Target) -> Lobes:
-    """Return the lobes with the last solution for their light.  [N, .]."""
-    assert outcome.shown is not None  # of lobes that took steps
-    return light.relight(outcome.shown, replace(frame, corners=LIGHT), passes=1).lobes[0]
 
 
 def _stepped(
@@ -219,7 +213,7 @@ def _started(
     value = objective.value(shown.radiance, competing)
     still_best, after_best = value.view(2, -1).argmin(-1).tolist()
     pair = frame.repeated(2)
-    lit = light.relight(shown[[still_best, count + after_best]], pair, passes=1)
+    lit = light.relight(shown[[still_best, count + after_best]], pair)
     value = objective.value(lit.radiance, pair)
     damping = torch.full_like(value, DAMPING_START)
     return newton.Outcome(lit.lobes, value, damping, lit).best()

@@ -10,40 +10,49 @@ from torch import Tensor
 
 from asglight.fitting import leaves, objective
 from asglight.fitting.lobe_images import Images
+from asglight.fitting.objective import Corners
 from asglight.fitting.probes import probe
 
-PASSES = 3
-"""Reweightings of the amplitudes' own problem: the third changes them by a percent or so."""
+CORNERS = Corners(0.1, 0.002)
+"""phi's corners of a fit's last solution: what it can mend of what balls show."""
 
 RIDGE = 1e-5
 """Of the unit diagonal of the amplitudes' Gram matrix: above the rounding of float32 images."""
 
 
-def relight(shown: Images, frame: objective.Target, passes: int = PASSES) -> Images:
+def last(shown: Images, frame: objective.Target) -> Images:
+    """Return a fit with the last solution for its light, under `CORNERS`.
+
+    Args:
+        shown: The lobes on the leaves.
+        frame: The maps.
+    """
+    return relight(shown, replace(frame, corners=CORNERS))
+
+
+def relight(shown: Images, frame: objective.Target) -> Images:
     """Solve for the amplitudes alone, shapes held: the linear part of the problem.
 
-    Each pass is a non-negative least squares problem of the reweighted normal equations for each
-    channel [Lawson and Hanson 1974].
+    It is a non-negative least squares problem of the reweighted normal equations for each channel
+    [Lawson and Hanson 1974].
 
     Args:
         shown: The lobes on the leaves.
         frame: The maps and their weights.
-        passes: Reweightings.
     """
     values = shown.values * shown.scale[..., None]  # [F, N, P]
     views = probe(leaves.to_cells(values, frame.places), frame.places.rows)
     amplitude = shown.lobes.amplitude
-    for _ in range(passes):
-        misfit = objective.misfit(amplitude.mT @ values, frame)
-        gram = _weighted_gram(values, misfit.env_weight)
-        for view, weight in zip(views, misfit.probe_weights, strict=True):
-            gram += _weighted_gram(view, weight)
-        # the minimum lies where the slope at the amplitudes so far is undone
-        right = gram @ amplitude.double() - values.double() @ misfit.slope.mT.double()
-        near = amplitude.double()
-        solved = [_non_negative(*one) for one in zip(gram, right, near, strict=True)]
-        amplitude = torch.stack(solved).to(amplitude)
-    return replace(shown, lobes=replace(shown.lobes, amplitude=amplitude))
+    near = amplitude.double()
+    misfit = objective.misfit(amplitude.mT @ values, frame)
+    gram = _weighted_gram(values, misfit.env_weight)
+    for view, weight in zip(views, misfit.probe_weights, strict=True):
+        gram += _weighted_gram(view, weight)
+    # the minimum lies where the slope at the amplitudes so far is undone
+    right = gram @ near - values.double() @ misfit.slope.mT.double()
+    solved = [_non_negative(*one) for one in zip(gram, right, near, strict=True)]
+    lobes = replace(shown.lobes, amplitude=torch.stack(solved).to(amplitude))
+    return replace(shown, lobes=lobes)
 
 
 def _weighted_gram(images: Tensor, weight: Tensor) -> Tensor:

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from asglight.fitting import light, lobe_images, newton, objective, temporal
 from asglight.fitting.coordinates import Leash
-from asglight.fitting.first_frame import LIGHT, Exposed, narrowest, with_flux_of
+from asglight.fitting.first_frame import Exposed, narrowest, with_flux_of
 from asglight.fitting.following import DAMPING_START, LEASH_DEG
 from asglight.fitting.objective import Corners
 from asglight.lobes import Lobes, asg
@@ -143,7 +143,7 @@ def _between(shot: Lobes, index: Tensor, frames: list[Exposed]) -> tuple[Lobes, 
     )
     shown = found.shown
     assert shown is not None  # of lobes that took steps
-    lit = light.relight(shown, replace(whole, corners=LIGHT), passes=1).lobes
+    lit = light.last(shown, whole).lobes
     capped = torch.minimum(lit.amplitude, own.amplitude)
     lit = replace(lit, amplitude=torch.where(stays[..., None], capped, lit.amplitude))
     values = objective.value(replace(shown, lobes=lit).radiance, whole)

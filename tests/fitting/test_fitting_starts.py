@@ -9,8 +9,8 @@ import torch
 from lobe_cases import sky_and_sun
 from torch import Tensor
 
-from asglight.fitting import first_frame, lobe_images, newton, objective, seeding
-from asglight.fitting.first_frame import LIGHT, Level
+from asglight.fitting import first_frame, light, lobe_images, newton, objective, seeding
+from asglight.fitting.first_frame import Level
 from asglight.fitting.leaves import Leaves
 from asglight.fitting.objective import Corners
 from asglight.lobes import Form, Lobes, asg
@@ -43,7 +43,7 @@ def test_starts_are_chosen_after_last_steps_on_finer_leaves() -> None:
         newton.minimise(
             first_frame.descend(seed[None], frame, frame, LEVELS, width_min).lobes,
             fine,
-            first_frame.FINE_STEPS,
+            first_frame.LAST.steps,
             width_min=width_min,
         )
         for seed in seeds
@@ -78,7 +78,7 @@ def test_an_end_is_judged_with_its_light_solved_as_it_will_be() -> None:
     lobes = replace(end.lobes, amplitude=1.3 * end.lobes.amplitude)
     brighter = replace(end, lobes=lobes, shown=replace(end.shown, lobes=lobes))
     assert brighter.shown is not None
-    sharp = replace(frame, corners=LIGHT)
+    sharp = replace(frame, corners=light.CORNERS)
     seen = objective.sizes(brighter.shown.radiance, sharp).seen
     # of the thirty percent too much hardly any is left, wherever the solution starts
     unsolved = float(objective.of_materials(seen, sharp))
@@ -102,11 +102,11 @@ def test_what_materials_show_wrong_is_j_without_the_map() -> None:
     seeds, frame, _ = _starts()
     shown = newton.minimise(seeds[0][None], frame, 1).shown
     assert shown is not None
-    sharp = replace(frame, corners=LIGHT)
+    sharp = replace(frame, corners=light.CORNERS)
     found = objective.sizes(shown.radiance, sharp)
     # the map's own: the mean of phi over the sphere, cell by cell and texel by texel
     errors = torch.cat([found.parts.mean(1), found.texels], dim=-1)
-    own = (sharp.places.share * errors).sum(-1) / sharp.env_scale - LIGHT.env
+    own = (sharp.places.share * errors).sum(-1) / sharp.env_scale - light.CORNERS.env
     expected = found.value - objective.ENV_WEIGHT * own
     torch.testing.assert_close(
         objective.of_materials(found.seen, sharp), expected, rtol=0, atol=1e-6
