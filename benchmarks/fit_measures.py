@@ -18,13 +18,14 @@ from asglight.cli.progress import Reporter
 from asglight.errors import InputError
 from asglight.fitting import first_frame, paper, paper_losses
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
-from asglight.fitting.sequence import fit_frame, one_thread
+from asglight.fitting.sequence import fit_frame
 from asglight.images import read_latlong
 from asglight.images.message import shown
 from asglight.judging.clock import Clock, Point, timed
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes
 from asglight.peers import vmf_em
+from asglight.threads import one_thread
 
 STILL_PRESETS = (Preset.FAST, Preset.BEST)
 

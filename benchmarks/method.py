@@ -25,7 +25,7 @@ from asglight.cli.progress import Reporter, reporter
 from asglight.fitting import paper
 from asglight.fitting.options import FIT_HEIGHT, LOBES, FitOptions
 from asglight.fitting.paper_losses import Loss
-from asglight.fitting.sequence import fit_frame, one_thread
+from asglight.fitting.sequence import fit_frame
 from asglight.images import read_latlong
 from asglight.judging import methods
 from asglight.judging.compare import FLOATS
@@ -33,6 +33,7 @@ from asglight.judging.methods import METHODS, Task
 from asglight.judging.metrics import METRIC_NAMES, maps_errors
 from asglight.judging.paper_figures import ROWS, STEPS, coarsened
 from asglight.lobes import Form, Lobes, texels
+from asglight.threads import one_thread
 
 FORMS = {
     (Form.SG, 15): "sg, 15 lobes, 90 floats",

@@ -20,10 +20,10 @@ from torch import Tensor
 from asglight.fitting import first_frame
 from asglight.fitting.first_frame import BEST, FAST, Effort, Level, soft_to_sharp
 from asglight.fitting.options import LOBES
-from asglight.fitting.sequence import one_thread
 from asglight.judging.clock import Clock
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form
+from asglight.threads import one_thread
 
 TURNS = (0.0, 1 / 3, 2 / 3)
 """Of the whole circle, rounded to texels."""

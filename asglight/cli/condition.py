@@ -14,8 +14,8 @@ def condition_of(tracks: LobeTracks) -> list[dict[str, Any]]:
     so. A set that is met in several is told once, with the frame in which it is worst.
     """
     from asglight.fitting.condition import groups, trades
-    from asglight.fitting.sequence import one_thread
     from asglight.shots.tolerance import spread_frames
+    from asglight.threads import one_thread
 
     found: dict[tuple[int, ...], dict[str, Any]] = {}
     for frame in spread_frames(tracks.frames):

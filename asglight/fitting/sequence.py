@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One frame of a sequence, started from the one before, with the preset that was asked for."""
 
-import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import torch
@@ -15,6 +14,7 @@ from asglight.fitting.following import fit_next_frame
 from asglight.fitting.options import FitOptions, Preset
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import canonical
+from asglight.threads import one_thread
 
 _EFFORT = {
     Preset.LIVE: first_frame.FAST,
@@ -60,21 +60,6 @@ def fit_frame(
         else:
             fit = fit_next_frame(reference, previous, earlier, _PURSUIT[options.preset])
     return replace(fit, lobes=fit.lobes.clone())  # a tensor of inference mode cannot be changed
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Compute on one thread of the processor: a step's tensors are too small to share.
-
-    A second thread gains nothing, and where other programs run the two wait for each other. Reading
-    the next frame has the other core to itself.
-    """
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _paper_frame(

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import fit_frame, one_thread
+from asglight.fitting.sequence import fit_frame
 from asglight.judging.bench_plan import Plan
 from asglight.judging.bench_still import Run, lobes_of, peer_run, preset_run
 from asglight.judging.clock import Clock, timed
@@ -21,6 +21,7 @@ from asglight.judging.metrics import frame_errors
 from asglight.judging.power_law import power_law
 from asglight.lobes import Lobes
 from asglight.sphere import latlong
+from asglight.threads import one_thread
 
 LIVE = "live, a next frame"
 

@@ -14,7 +14,6 @@ from torch import Tensor
 
 from asglight.fitting import paper
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import one_thread
 from asglight.fitting.temporal import waiting
 from asglight.judging import methods
 from asglight.judging.bench_plan import Plan
@@ -28,6 +27,7 @@ from asglight.judging.metrics import FrameErrors, maps_errors, sequence_errors
 from asglight.lobes import Lobes, texels
 from asglight.lobes.data import stack
 from asglight.peers.approximation import LobeSum
+from asglight.threads import one_thread
 
 TITLES = {
     "live": "asglight, live",

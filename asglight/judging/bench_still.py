@@ -20,7 +20,7 @@ from torch import Tensor
 
 from asglight.fitting import first_frame
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import fit_frame, one_thread
+from asglight.fitting.sequence import fit_frame
 from asglight.judging import methods
 from asglight.judging.bench_plan import Effort, Plan
 from asglight.judging.clock import Clock, Point, timed
@@ -31,6 +31,7 @@ from asglight.judging.metrics import maps_errors
 from asglight.lobes import Form, Lobes
 from asglight.peers.approximation import LOBE_FLOATS, Approximation, LobeSum, free_lobes
 from asglight.sphere import latlong
+from asglight.threads import one_thread
 
 EFFORTS = {"fast": first_frame.FAST, "best": first_frame.BEST}
 

@@ -14,10 +14,11 @@ from torch import Tensor
 
 from asglight.fitting import first_frame, whole_shot
 from asglight.fitting.options import FitOptions
-from asglight.fitting.sequence import fit_frame, one_thread
+from asglight.fitting.sequence import fit_frame
 from asglight.judging.clock import Clock, Point, timed
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import stack
+from asglight.threads import one_thread
 
 JUMP_DEG, JUMP_SHARE = 10.0, 0.01
 """A lobe jumps that turns by more from one frame to the next, with more of the flux in either."""

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from asglight.fitting import paper
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import fit_frame, one_thread
+from asglight.fitting.sequence import fit_frame
 from asglight.lobes import Form
 from asglight.peers import (
     adam_sg,
@@ -20,6 +20,7 @@ from asglight.peers import (
     wavelets,
 )
 from asglight.peers.approximation import LOBE_FLOATS, Approximation, free_lobes
+from asglight.threads import one_thread
 
 
 @dataclass(frozen=True)

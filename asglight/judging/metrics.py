@@ -22,11 +22,11 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from asglight.fitting.sequence import one_thread
 from asglight.lobes import Lobes, texels
 from asglight.shading import kernels
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
+from asglight.threads import one_thread
 
 DIRECTION_COUNT = 768
 LOBE_ROWS = 64

@@ -18,7 +18,7 @@ from torch import Tensor
 from asglight.fitting import paper
 from asglight.fitting.options import FitOptions
 from asglight.fitting.paper_losses import Loss
-from asglight.fitting.sequence import fit_frame, one_thread
+from asglight.fitting.sequence import fit_frame
 from asglight.judging.clock import timed
 from asglight.judging.compare import Follow
 from asglight.judging.metrics import maps_errors
@@ -26,6 +26,7 @@ from asglight.lobes import Form, Lobes, texels
 from asglight.peers.approximation import LOBE_FLOATS
 from asglight.shading.balls import render_balls
 from asglight.sphere import latlong
+from asglight.threads import one_thread
 
 LOBE_COUNTS = (1, 2, 4, 8, 15, 30, 60)
 

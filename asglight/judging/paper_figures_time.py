@@ -14,7 +14,6 @@ from torch import Tensor
 
 from asglight.fitting import paper
 from asglight.fitting.options import FitOptions
-from asglight.fitting.sequence import one_thread
 from asglight.fitting.temporal import waiting
 from asglight.judging.clock import Clock
 from asglight.judging.compare import Follow
@@ -27,6 +26,7 @@ from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 from asglight.shading import kernels
 from asglight.sphere import latlong
+from asglight.threads import one_thread
 
 NEXT_SHARE = paper.FIRST_FRAME_STEPS // paper.NEXT_FRAME_STEPS
 """A next frame has one in so many of the steps of the first, as published."""

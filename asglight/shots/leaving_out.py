@@ -9,9 +9,9 @@ from typing import Any
 import torch
 
 from asglight.fitting.lean import BUDGET, leave_out
-from asglight.fitting.sequence import one_thread
 from asglight.lobes import Form, Lobes
 from asglight.shots.tolerance import Accuracy
+from asglight.threads import one_thread
 
 TOLERANCE_SHARE = 0.1
 """Budget of a shot with a tolerance, of the tolerance."""

@@ -12,7 +12,6 @@ from dataclasses import replace
 from asglight.errors import InputError
 from asglight.fitting.first_frame import Exposed, exposed
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import one_thread
 from asglight.fitting.whole_shot import CHUNK, refine_shot
 from asglight.images import Sequence
 from asglight.images.message import shown
@@ -20,6 +19,7 @@ from asglight.lobes.data import stack
 from asglight.shots.events import OnProgress, Refined
 from asglight.shots.reading import read_ahead
 from asglight.shots.records import FrameRecord, own_frames, places_of
+from asglight.threads import one_thread
 
 REFINED = (Preset.FAST, Preset.BEST)
 """Presets whose shots are refined: `live` has no time, and `paper` is as published."""

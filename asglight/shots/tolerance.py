@@ -19,11 +19,12 @@ from torch import Tensor
 
 from asglight.fitting.measures import ALLOWANCE, MEASURED, Shown, errors, shown
 from asglight.fitting.options import FitOptions
-from asglight.fitting.sequence import fit_frame, one_thread
+from asglight.fitting.sequence import fit_frame
 from asglight.images import Sequence
 from asglight.lobes import Lobes
 from asglight.shots.events import OnProgress, Searched
 from asglight.shots.reading import read_ahead
+from asglight.threads import one_thread
 
 SEARCHED_FRAMES = 5
 """Frames on which the number is searched: the ends, the middle, and the middles between."""
