@@ -25,7 +25,7 @@ from typing import Any
 
 from asglight.cli.main import main as asglight
 from asglight.images import read_latlong, sequence
-from asglight.images.decoders import APART
+from asglight.images.decoders import APART, HERE
 
 PARTS: dict[str, tuple[str, ...]] = {
     "fit of the frames": ("asglight.shots.frames.fit_frame",),
@@ -168,16 +168,15 @@ def decoding(path: str, repeats: int) -> str:
     """Say what it costs to decode a map in another process instead of in this one."""
     counted: Counter[str] = Counter()
     reads = 10 * repeats
-    for name, decoder in (("here", None), ("apart", APART)):
-        chosen = {} if decoder is None else {"decoder": decoder}
+    for name, decoder in (("here", HERE), ("apart", APART)):
         APART.close()
         begin, children = time.process_time(), _children()
-        read_latlong(path, **chosen)
+        read_latlong(path, decoder=decoder)
         APART.close()
         once = time.process_time() - begin + _children() - children
         begin, children = time.process_time(), _children()
         for _ in range(reads):
-            read_latlong(path, **chosen)
+            read_latlong(path, decoder=decoder)
         APART.close()
         every = time.process_time() - begin + _children() - children
         counted[name] = round(1e6 * (every - once) / (reads - 1))

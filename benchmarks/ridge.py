@@ -17,7 +17,7 @@ import torch
 from map_folder import maps_given
 from torch import Tensor
 
-from asglight.fitting import first_frame, light, lobe_images, objective
+from asglight.fitting import light, lobe_images, objective
 from asglight.fitting.condition import LIMIT, trades
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import fit_frame
@@ -44,16 +44,16 @@ def measured(name: str, reference: Tensor) -> Row:
     given: list[tuple[lobe_images.Images, objective.Target]] = []
     own = light.relight
 
-    def noted(shown: lobe_images.Images, frame: objective.Target, passes: int) -> object:
+    def noted(shown: lobe_images.Images, frame: objective.Target) -> object:
         given.append((shown, frame))
-        return own(shown, frame, passes)
+        return own(shown, frame)
 
-    with mock.patch.object(first_frame.light, "relight", noted):
+    with mock.patch.object(light, "relight", noted):
         fit_frame(reference, FitOptions(), None)
     shown, frame = given[-1]
-    found = own(shown, frame, passes=1).lobes[0]
+    found = own(shown, frame).lobes[0]
     with without_ridge():
-        free = own(shown, frame, passes=1).lobes[0]
+        free = own(shown, frame).lobes[0]
     traded = torch.zeros(found.count, dtype=torch.bool)
     for pair in trades(found, LIMIT):
         traded[list(pair.lobes)] = True
@@ -84,8 +84,9 @@ def table(rows: Sequence[Row]) -> str:
     lines.append("|---|--:|--:|--:|--:|--:|")
     for name, apart, change, traded, theirs, flux in rows:
         lines.append(f"| {name} | {apart} | {change:.1e} | {traded} | {theirs:.1e} | {flux:.1e} |")
+    changes = [(change, theirs, flux) for _, _, change, _, theirs, flux in rows]
     for word, pick in (("median", statistics.median), ("largest", max)):
-        change, theirs, flux = (pick([row[index] for row in rows]) for index in (2, 4, 5))
+        change, theirs, flux = map(pick, zip(*changes, strict=True))
         lines.append(f"| {word} | | {change:.1e} | | {theirs:.1e} | {flux:.1e} |")
     return "\n".join(lines)
 
