@@ -3,7 +3,9 @@
 
 A probe filters a map with a kernel around directions that lie on rings of latitude. Kernel and grid
 are the same at every longitude, so the filter is a convolution along the rows: one small matrix
-from rows to rings for each frequency of longitude. Images are channels first, [..., P].
+from rows to rings for each frequency of longitude. Rows are short, so the Fourier transform is a
+product with its matrix: of 90 images of 32 x 64 cells a fifth of the time of fast ones, whose data
+is moved between the steps. Images are channels first, [..., P].
 
 The probes see the map on a coarse grid, to which its light was brought place by place
 (splatting.py), for what they show is smooth at that scale.
@@ -58,17 +60,13 @@ def probe(images: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> t
     Returns:
         What each probe shows of each image, ring by ring.  One [..., D] a probe.
     """
-    spectrum = torch.fft.rfft(images.unflatten(-1, (height, 2 * height)))
-    rings = _between_rows(_stacked_spectra(sources, height, str(images.device)), spectrum)
-    parts = torch.fft.irfft(rings, 2 * height).split([p.rings for p in sources], dim=-2)
-    strides = [_stride(p, height) for p in sources]
-    return tuple(part[..., ::s].flatten(-2) for part, s in zip(parts, strides, strict=True))
-
-
-@lru_cache(maxsize=32)
-@torch.inference_mode(False)
-def _stacked_spectra(sources: tuple[Probe, ...], height: int, device: str) -> Tensor:
-    return torch.cat([_spectra(p, height, device) for p in sources], dim=1)
+    spectrum = _transformed(images, height)
+    views = []
+    for source in sources:
+        rings = torch.bmm(spectrum, _filters(source, height, str(images.device)).to(images))
+        waves = _waves(2 * height, _stride(source, height), str(images.device)).to(images)
+        views.append((rings.flatten(1).mT @ waves).reshape(*images.shape[:-1], -1))
+    return tuple(views)
 
 
 def pull(views: tuple[Tensor, ...], height: int) -> Tensor:
@@ -81,24 +79,21 @@ def pull(views: tuple[Tensor, ...], height: int) -> Tensor:
     Returns:
         On that grid.  [..., P]
     """
-    rings = views[0].new_zeros(*views[0].shape[:-1], sum(p.rings for p in PROBES), 2 * height)
-    first = 0
+    lead, device = views[0].shape[:-1], str(views[0].device)
+    spectrum = views[0].new_zeros(2 * height, lead.numel(), height)
     for source, view in zip(PROBES, views, strict=True):
-        placed = rings[..., first : first + source.rings, :: _stride(source, height)]
-        placed.copy_(view.unflatten(-1, (source.rings, -1)))
-        first += source.rings
-    weights = _stacked_spectra(PROBES, height, str(rings.device))
-    spectrum = _between_rows(weights.mT, torch.fft.rfft(rings))
-    return torch.fft.irfft(spectrum, 2 * height).flatten(-2)
+        waves = _waves(2 * height, _stride(source, height), device).to(view)
+        rings = waves @ view.reshape(-1, waves.shape[-1]).mT
+        filters = _filters(source, height, device).to(view)
+        spectrum.baddbmm_(rings.unflatten(-1, (-1, source.rings)), filters.mT)
+    waves = _waves(2 * height, 1, device).to(spectrum)
+    return (spectrum.flatten(1).mT @ waves).reshape(*lead, -1)
 
 
-def _between_rows(weights: Tensor, spectrum: Tensor) -> Tensor:
-    """Multiply each frequency by its matrix.  [F, R, H], [..., H, F] complex -> [..., R, F]."""
-    rows, frequencies = spectrum.shape[-2:]
-    parts = torch.view_as_real(spectrum.reshape(-1, rows, frequencies)).permute(2, 1, 0, 3)
-    result = torch.bmm(weights, parts.reshape(frequencies, rows, -1)).unflatten(2, (-1, 2))
-    back = torch.view_as_complex(result).permute(2, 1, 0)  # moved as complex numbers, not as reals
-    return back.reshape(*spectrum.shape[:-2], *back.shape[-2:])
+def _transformed(images: Tensor, height: int) -> Tensor:
+    """Return the Fourier transform of images along their rows.  [..., H * 2 H] -> [2 H, K, H]."""
+    waves = _waves(2 * height, 1, str(images.device)).to(images)
+    return (waves @ images.reshape(-1, 2 * height).mT).unflatten(-1, (-1, height))
 
 
 def shares(height: int, device: str, sources: tuple[Probe, ...] = PROBES) -> tuple[Tensor, ...]:
@@ -132,10 +127,31 @@ def _shares(source: Probe, rows: int, device: str) -> Tensor:
     return (areas / (4 * math.pi)).reshape(-1).to(device, torch.float32)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 @torch.inference_mode(False)
-def _spectra(source: Probe, rows: int, device: str) -> Tensor:
-    """Return the filter from rows to rings for each frequency of longitude.  [F, R, H]."""
+def _waves(count: int, stride: int, device: str) -> Tensor:
+    """Return the real Fourier basis, orthonormal: cosines of each frequency, then sines.
+
+    Args:
+        count: Texels of a row; even.
+        stride: From one of those texels to the next at which the waves are wanted.
+        device: Of the result.
+
+    Returns:
+        [count, count / stride]
+    """
+    frequency = torch.arange(count // 2 + 1, dtype=torch.float64)[:, None]
+    angle = 2 * math.pi / count * frequency * torch.arange(0, count, stride, dtype=torch.float64)
+    size = torch.full_like(frequency, math.sqrt(2 / count))
+    size[0] = size[-1] = math.sqrt(1 / count)
+    waves = torch.cat([size * angle.cos(), (size * angle.sin())[1:-1]])
+    return waves.to(device, torch.float32)
+
+
+@lru_cache(maxsize=64)
+@torch.inference_mode(False)
+def _filters(source: Probe, rows: int, device: str) -> Tensor:
+    """Return the filter from rows to rings for each of `_waves`.  [2 H, H, R]."""
     texels = latlong.directions(rows, 2 * rows, dtype=torch.float64).reshape(-1, 3)
     v = (torch.arange(source.rings, dtype=torch.float64) + 0.5) / source.rings
     u = torch.tensor(0.5 / (2 * rows), dtype=torch.float64)  # on the first column of texels
@@ -143,5 +159,7 @@ def _spectra(source: Probe, rows: int, device: str) -> Tensor:
     weight = kernels.kernel_values(source.kernel, cosine).double()
     weight = weight * latlong.texel_solid_angles(rows, 2 * rows, dtype=torch.float64).reshape(-1)
     weight = (weight / weight.sum(-1, keepdim=True)).reshape(source.rings, rows, 2 * rows)
-    # even in the difference of longitude, so the frequencies are real
-    return torch.fft.rfft(weight).real.permute(2, 0, 1).contiguous().to(device, torch.float32)
+    # even in the difference of longitude, so a cosine and its sine are filtered alike
+    of_cosines = torch.fft.rfft(weight).real.permute(2, 1, 0)
+    filters = torch.cat([of_cosines, of_cosines[1:-1]])
+    return filters.contiguous().to(device, torch.float32)

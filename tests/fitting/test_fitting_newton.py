@@ -11,7 +11,7 @@ from lobe_cases import DOUBLE, KNOWN, alike, flat, lamps, noise, random_lobes, s
 from torch import Tensor
 
 from asglight.fitting import leaves as leaves_module
-from asglight.fitting import lobe_images, newton, objective, probes, temporal
+from asglight.fitting import lobe_images, newton, objective, temporal
 from asglight.fitting.coordinates import UNKNOWNS, advance
 from asglight.fitting.footprints import footprint
 from asglight.fitting.grid import POWERS, Grid, coarser, grid
@@ -34,8 +34,7 @@ def _loss(lobes: Lobes, frame: objective.Target) -> Tensor:
 
 @pytest.fixture
 def double(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let grids and probes be float64, and with them all that is computed of float64 lobes."""
-    spectra = probes._stacked_spectra
+    """Let grids be float64, and with them all that is computed of float64 lobes."""
 
     def fine(height: int, device: str) -> Grid:
         found = grid(height, device)
@@ -45,7 +44,6 @@ def double(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(leaves_module, "grid", fine)
     monkeypatch.setattr(newton, "grid", fine)
-    monkeypatch.setattr(probes, "_stacked_spectra", lambda *key: spectra(*key).double())
 
 
 def _gradient(lobes: Lobes, frame: objective.Target) -> Tensor:
