@@ -26,7 +26,7 @@ from asglight.lobes.data import chosen
 CHUNK = 16
 """Frames in memory: 25 MB of maps of 256 rows, and half as many side by side."""
 
-STEPS = 10
+STEPS = 7
 CORNERS = Corners(0.1, 0.005)
 
 GAMMA = 0.05
