@@ -3,9 +3,9 @@
 
 A probe filters a map with a kernel around directions that lie on rings of latitude. Kernel and grid
 are the same at every longitude, so the filter is a convolution along the rows: one small matrix
-from rows to rings for each frequency of longitude. Rows are short, so the Fourier transform is a
-product with its matrix: of 90 images of 32 x 64 cells a fifth of the time of fast ones, whose data
-is moved between the steps. Images are channels first, [..., P].
+from rows to rings for each frequency of longitude. Rows are short: a product with the matrix of the
+Fourier transform takes less time than a fast one, between whose steps data is moved. Images are
+channels first, [..., P].
 
 The probes see the map on a coarse grid, to which its light was brought place by place
 (splatting.py), for what they show is smooth at that scale.
