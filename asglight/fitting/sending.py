@@ -12,7 +12,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import lobe_images, newton, objective, regroup, temporal
+from asglight.fitting import light, lobe_images, newton, objective, regroup, temporal
 from asglight.fitting.coordinates import Leash
 from asglight.fitting.leaves import to_cells
 from asglight.fitting.probes import PROBES, directions, probe
@@ -63,8 +63,12 @@ def lit_where_worth(
 ) -> Lobes:
     """Light free lobes one by one, each where a few steps gain most.
 
+    One that the start lit where it was may have taken the light of a lobe beside it, which then is
+    dark and held there while a lamp elsewhere waits. So the others come first, and its old place is
+    one of those that compete.
+
     Args:
-        start: The lobes, free ones dark.  F = 1
+        start: The lobes with their light for this frame.  F = 1
         free: Which are free.  [N]
         frame: The map on few leaves.
         leash: How far each lobe may go.
@@ -73,7 +77,11 @@ def lit_where_worth(
     Returns:
         The lobes after some steps.  [N, .]
     """
-    lit = ~(free & temporal.is_dark(start.lobes[0]))
+    as_started = start.lobes[0]
+    in_place = free & ~temporal.is_dark(as_started)
+    if bool(in_place.any()):
+        start = _free_dark(start, free, frame)
+    lit = ~free
     others = start.lobes.select(lit)
     stepped = newton.minimise(
         others,
@@ -86,10 +94,14 @@ def lit_where_worth(
     )
     best = start.lobes[0].replaced(lit, stepped.lobes[0])
     for _ in range(ROUNDS):
-        idle = torch.nonzero(free & temporal.is_dark(best)).flatten().tolist()
-        if not idle:
+        idle = free & temporal.is_dark(best)
+        if not bool(idle.any()):
             break
-        trials = [best, *_trials(best, idle[0], frame, leash)]
+        index = int((idle.int() + (idle & in_place).int()).argmax())
+        trials = [best, *_trials(best, index, frame, leash)]
+        if bool(in_place[index]):
+            own = torch.tensor([index])
+            trials.append(best.replaced(own, as_started.select(own)))
         found = newton.minimise(
             stack(trials),
             frame.repeated(len(trials)),
@@ -102,6 +114,20 @@ def lit_where_worth(
             break
         best = found.best().lobes[0]
     return best
+
+
+def _free_dark(start: newton.Outcome, free: Tensor, frame: objective.Target) -> newton.Outcome:
+    """Return the start with all free lobes dark, the light of the others solved for without them.
+
+    Args:
+        start: The lobes with their light.  F = 1
+        free: Which are free.  [N]
+        frame: The map on few leaves.
+    """
+    others = lobe_images.images(start.lobes[0].select(~free)[None], frame.places)
+    lit = light.relight(others, frame).lobes[0]
+    black = replace(start.lobes[0], amplitude=torch.zeros_like(start.lobes.amplitude[0]))
+    return replace(start, lobes=black.replaced(~free, lit)[None], shown=None)
 
 
 def _trials(lobes: Lobes, index: int, frame: objective.Target, leash: Leash) -> list[Lobes]:

@@ -105,18 +105,20 @@ def _overhead(degrees: float) -> Tensor:
 def test_a_lamp_that_outruns_the_leash_is_handed_on(monkeypatch: pytest.MonkeyPatch) -> None:
     ways = [-80.0, -77.0, -72.0, -64.0, -52.0, -38.0, -24.0, -10.0, 4.0, 18.0, 30.0, 38.0, 42.0]
 
-    def wrong(offset: float) -> list[float]:
-        """Return r0.5 of each frame; no lobe jumps."""
+    def followed(offset: float) -> tuple[list[float], int]:
+        """Return r0.5 of each frame, and how many lobes jump."""
         maps = [_overhead(way + offset) for way in ways]
         fits = [fit.lobes for fit in follow(maps, FitOptions(lobes=9))]
         shot = waiting(stack(fits))  # as it is written
-        assert jumps([shot[frame] for frame in range(len(fits))]) == 0
         pairs = zip(fits, maps, strict=True)
-        return [measures.errors(lobes, measures.shown(each))["r0.5"] for lobes, each in pairs]
+        errors = [measures.errors(lobes, measures.shown(each))["r0.5"] for lobes, each in pairs]
+        return errors, jumps([shot[frame] for frame in range(len(fits))])
 
     # which lobe is where when the lamp comes is a matter of rounding: several runs tell
     offsets = (0.0, 1.0, 2.0, 3.0)
-    handed = [error for offset in offsets for error in wrong(offset)]
+    handed = [followed(offset) for offset in offsets]
     monkeypatch.setattr(sending, "ROUNDS", 0)
-    kept = [error for offset in offsets for error in wrong(offset)]
-    assert sum(handed) < 0.8 * sum(kept)  # 0.4 to 0.55 was seen
+    kept = [followed(offset) for offset in offsets]
+    assert [jumped for _, jumped in handed] == [0] * len(offsets)
+    wrong = [sum(sum(errors) for errors, _ in runs) for runs in (handed, kept)]
+    assert wrong[0] < 0.8 * wrong[1]  # 0.49 to 0.58 was seen
