@@ -71,12 +71,12 @@ def test_the_nearer_two_lobes_are_the_more_they_trade() -> None:
 
 @pytest.mark.parametrize("scale", [1e-9, 1e9])
 def test_the_unit_of_light_does_not_matter(scale: float) -> None:
-    places, sharpness = [UP, (0.05, 1.0, 0.1), SIDE], [40.0, 40.0, 60.0]
+    places, sharpness = [UP, (0.2, 1.0, 0.1), SIDE], [40.0, 40.0, 60.0]
     dim = condition.trades(lamps(places, sharpness, [2.0, 1.0, 3.0]), limit=0.0)
     bright = condition.trades(lamps(places, sharpness, [scale * x for x in (2, 1, 3)]), limit=0.0)
     for one, other in zip(dim, bright, strict=True):
         assert one.lobes == other.lobes
-        assert other.amplification == pytest.approx(one.amplification, rel=1e-2)  # float32 images
+        assert other.amplification == pytest.approx(one.amplification, rel=1e-3)  # float32 images
 
 
 def test_black_lobes_trade_with_none() -> None:

@@ -3,17 +3,20 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 from lobe_cases import angle_deg, follow, lamps, sky_and_sun
 from torch import Tensor
 
-from asglight.fitting import seeding
+from asglight import threads
+from asglight.fitting import newton, seeding
 from asglight.fitting.first_frame import fit_first_frame
 from asglight.fitting.following import fit_next_frame
-from asglight.fitting.options import FitOptions
+from asglight.fitting.options import FitOptions, Preset
 from asglight.images import read_latlong
+from asglight.judging import following
 from asglight.judging.metrics import frame_errors, irradiance_error
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.sphere import latlong
@@ -158,7 +161,7 @@ def test_maps_of_few_rows_look_right_on_a_white_ball(rows: int) -> None:
     reference = sky_and_sun(40.0, rows)
     fit = fit_first_frame(reference, 15, Form.ASG)
     # texels of 22 to 180 degrees have edges, which 15 lobes soften; on own grids it was 2 to 14 %
-    assert irradiance_error(fit.lobes, reference) < 0.015
+    assert irradiance_error(fit.lobes, reference) < 0.02
 
 
 @pytest.mark.parametrize("peak", [1.0, 65504.0, 1e9])
@@ -265,18 +268,44 @@ def test_same_input_gives_the_same_bits() -> None:
         assert torch.equal(a, b)
 
 
-def test_the_number_of_threads_changes_no_bit() -> None:
-    maps = [sky_and_sun(0.0), sky_and_sun(4.0)]
-    before, found = torch.get_num_threads(), []
+ANGLES = (0.0, 4.0, 8.0)
+
+
+def _with_threads(count: int, preset: Preset) -> list[Lobes]:
+    maps = [sky_and_sun(angle, height=128) for angle in ANGLES]
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
     try:
-        for threads in (1, 2):
-            torch.set_num_threads(threads)
-            found.append([fit.lobes for fit in follow(maps, FitOptions(lobes=5))])
+        return following.follow(maps, FitOptions(lobes=8, preset=preset))[0]
     finally:
         torch.set_num_threads(before)
-    for one, other in zip(*found, strict=True):
+
+
+def test_the_number_of_threads_changes_no_bit() -> None:
+    for one, other in zip(*(_with_threads(n, Preset.FAST) for n in (1, 2)), strict=True):
         for name in ("axes", "sharpness", "amplitude"):
             assert torch.equal(getattr(one, name), getattr(other, name))
+
+
+def test_two_threads_follow_live_as_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "FREE", 0.0)  # two, however busy the machine is
+    counts: list[int] = []
+    stepped = newton.minimise
+
+    def counted(*args: Any, **settings: Any) -> newton.Outcome:
+        counts.append(torch.get_num_threads())
+        return stepped(*args, **settings)
+
+    monkeypatch.setattr(newton, "minimise", counted)
+    one, two = (_with_threads(n, Preset.LIVE) for n in (1, 2))
+    assert set(counts[: len(counts) // 2]) == {1}
+    assert set(counts[len(counts) // 2 :]) == {1, 2}  # a first frame has one
+    # a product that is shared may be summed in another order, and steps turn aside by its rounding
+    for angle, first, second in zip(ANGLES, one, two, strict=True):
+        reference = sky_and_sun(angle, height=128)
+        errors = [frame_errors(lobes, reference).values for lobes in (first, second)]
+        for name in ("env", "irr", "r0.5", "r0.25"):
+            assert errors[1][name] == pytest.approx(errors[0][name], rel=0.05)
 
 
 VMF_EM = {  # 15 isotropic lobes, 40 EM iterations, 256 x 512: (env, irr, r0.5)
