@@ -32,8 +32,8 @@ def tables(result: dict[str, Any]) -> str:
     at = result["machine"]
     parts = [
         f"{result['lobes']} lobes; {at['processor']}, {at['cores']} cores, torch {at['torch']}; "
-        f"threads: live 2, presets 1, EM and the paper's recipe {at['threads']}; load of the "
-        f"machine before the run {at['load']}."
+        f"threads: live 2, other presets 1, EM and the paper's recipe {at['threads']}; load "
+        f"of the machine before the run {at['load']}."
     ]
     if result["quick"]:
         parts.append("A quick run: it shows that all works, not how well.")
