@@ -35,10 +35,10 @@ def one_thread() -> Iterator[None]:
 class Team:
     """Two threads while no other program wants their cores.
 
-    On idle cores the second one takes a fifth off a following frame. Beside another program the two
-    wait for each other in every operation, and a frame takes four times as long as on one. So after
-    a turn in which they had to wait one thread works alone, for twice as many turns each time.
-
+    On idle cores the second one takes an eighth to a fifth off a following frame. Beside another
+    program the two wait for each other in every operation, and a frame takes four times as long as
+    on one. So after a turn in which they had to wait one thread works alone, for twice as many
+    turns each time.
     """
 
     def __init__(self, seconds: Callable[[], tuple[float, float]] = _seconds) -> None:

@@ -38,7 +38,7 @@ class Shot(NamedTuple):
         rough: r0.5 of each frame.
         flicker: Of what r0.5 shows: sum |change of fit - change of ref| / sum of ref.
         jumps: Lit lobes that turn by more than 10 degrees.
-        seconds: Of the processor, a frame after the first.
+        seconds: Wall seconds of a frame after the first.
     """
 
     irr: list[float]
@@ -88,7 +88,7 @@ def measured(maps: list[Tensor], options: FitOptions) -> Shot:
         [each["r0.5"] for each in errors],
         _flicker(lobes, truth),
         jumps(lobes),
-        statistics.fmean(spent["cpu_seconds"] for spent in seconds[1:]),
+        statistics.fmean(spent["wall_seconds"] for spent in seconds[1:]),
     )
 
 
