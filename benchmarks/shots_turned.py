@@ -20,7 +20,7 @@ from torch import Tensor
 
 from asglight.fitting import lobe_images, measures
 from asglight.fitting.options import LOBES, FitOptions, Preset
-from asglight.fitting.probes import probe
+from asglight.fitting.probes import probe, split
 from asglight.fitting.temporal import waiting
 from asglight.images.sequence import open_sequence
 from asglight.judging.following import follow, jumps, refined
@@ -99,7 +99,9 @@ def _flicker(lobes: list[Lobes], truth: list[measures.Shown]) -> float:
     rows = truth[0].rows
     even = measures.even_cells(rows, str(wanted.device))
     images = (lobe_images.images(each[None], even).radiance[0] for each in lobes)
-    views = torch.stack([probe(image, rows, sources)[last] for image in images])
+    views = torch.stack(
+        [split(probe(image, rows, sources), rows, sources)[last] for image in images]
+    )
     missed = views - wanted
     return float(sum((b - a).abs().sum() for a, b in pairwise(missed)) / wanted.sum())
 

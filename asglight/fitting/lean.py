@@ -28,7 +28,7 @@ from asglight.fitting import lobe_images
 from asglight.fitting.coordinates import BROAD
 from asglight.fitting.leaves import BASE_ROWS
 from asglight.fitting.measures import even_cells
-from asglight.fitting.probes import PROBES, probe, shares
+from asglight.fitting.probes import PROBES, probe, shares, split
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import orthonormal, parallel_transport
 
@@ -103,17 +103,14 @@ def changes(before: Lobes, after: Lobes, whole: Tensor) -> Tensor:
         old, new = before[chunk], after[chunk]
         unit = (whole[chunk] / (4 * math.pi)).clamp(min=1e-37)[:, None, None]
         light, changed = ((lobes.amplitude / unit)[..., None].float() for lobes in (old, new))
-        columns = []
-        weights = shares(BASE_ROWS, str(light.device))
-        for one, other, share in zip(_views(old), _views(new), weights, strict=True):
-            change = light * one[:, :, None] - changed * other[:, :, None]
-            columns.append(change.abs().sum(2) @ share)
-        parts.append(torch.stack(columns, dim=-1))
+        change = light * _views(old)[:, :, None] - changed * _views(new)[:, :, None]
+        change = change.abs().sum(2) * shares(BASE_ROWS, str(light.device))
+        parts.append(torch.stack([each.sum(-1) for each in split(change, BASE_ROWS)], dim=-1))
     return torch.cat(parts).to(torch.float64)
 
 
-def _views(lobes: Lobes) -> tuple[Tensor, ...]:
-    """Return what each probe shows of each lobe of amplitude 1.  One [F, N, D] a probe.
+def _views(lobes: Lobes) -> Tensor:
+    """Return what the probes show of each lobe of amplitude 1.  [F, N, D].
 
     The images have the lobes' exact integrals: changes far below a percent are asked for, by which
     a sum over cells may err.

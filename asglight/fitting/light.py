@@ -45,9 +45,7 @@ def relight(shown: Images, frame: objective.Target) -> Images:
     amplitude = shown.lobes.amplitude
     near = amplitude.double()
     misfit = objective.misfit(amplitude.mT @ values, frame)
-    gram = _weighted_gram(values, misfit.env_weight)
-    for view, weight in zip(views, misfit.probe_weights, strict=True):
-        gram += _weighted_gram(view, weight)
+    gram = _weighted_gram(values, misfit.env_weight) + _weighted_gram(views, misfit.view_weight)
     # the minimum lies where the slope at the amplitudes so far is undone
     right = gram @ near - values.double() @ misfit.slope.mT.double()
     solved = [_non_negative(*one) for one in zip(gram, right, near, strict=True)]

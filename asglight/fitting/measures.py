@@ -14,7 +14,7 @@ from torch import Tensor
 from asglight.fitting import leaves, lobe_images
 from asglight.fitting.grid import coarsen, coarser
 from asglight.fitting.leaves import Leaves
-from asglight.fitting.probes import Probe, probe, shares
+from asglight.fitting.probes import Probe, probe, shares, split
 from asglight.lobes import Lobes
 from asglight.shading import kernels
 
@@ -52,7 +52,8 @@ def shown(reference: Tensor) -> Shown:
     height = reference.shape[0]
     rows = coarser(height, ROWS)
     cells = coarsen(reference.movedim(-1, 0).flatten(1), height, rows)
-    return Shown(rows, probe(cells, rows, tuple(MEASURED.values())))
+    sources = tuple(MEASURED.values())
+    return Shown(rows, split(probe(cells, rows, sources), rows, sources))
 
 
 def errors(lobes: Lobes, reference: Shown) -> dict[str, float]:
@@ -66,9 +67,10 @@ def errors(lobes: Lobes, reference: Shown) -> dict[str, float]:
     """
     sources, device = tuple(MEASURED.values()), str(reference.views[0].device)
     image = lobe_images.images(lobes[None].to(device), even_cells(reference.rows, device))
-    found = probe(image.radiance[0], reference.rows, sources)
+    found = split(probe(image.radiance[0], reference.rows, sources), reference.rows, sources)
     result = {}
-    parts = zip(found, reference.views, shares(reference.rows, device, sources), strict=True)
+    shared = split(shares(reference.rows, device, sources), reference.rows, sources)
+    parts = zip(found, reference.views, shared, strict=True)
     for name, (view, wanted, share) in zip(MEASURED, parts, strict=True):
         change = float((view - wanted).abs().sum(0) @ share)
         whole = float(wanted.sum(0) @ share)

@@ -142,16 +142,13 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
     def of(new: Tensor, old: Tensor) -> Tensor:
         return torch.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
-    def of_all(new: tuple[Tensor, ...], old: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
-        return tuple(of(*pair) for pair in zip(new, old, strict=True))
-
     new, old = tried.sizes, before.sizes
     found = Sizes(
         of(new.value, old.value),
         of(new.parts, old.parts),
         of(new.texels, old.texels),
-        of_all(new.views, old.views),
-        of_all(new.seen, old.seen),
+        of(new.views, old.views),
+        of(new.seen, old.seen),
     )
     shown = lobe_images.chosen(better, tried.shown, before.shown)
     return _State(shown, found, of(tried.value, before.value))
@@ -195,8 +192,8 @@ def normal_equations(
     for level, (_, monomials, place) in list(enumerate(places.levels))[1:]:
         sharp = lobe_images.leaf_columns(shown, seen, of_scale, level, monomials)
         gram += (sharp * found.env_weight[:, None, place]) @ sharp.mT
-    for view, curvature in zip(probe(coarse, cells.height), found.probe_weights, strict=True):
-        gram += (view * curvature[:, None]) @ view.mT
+    views = probe(coarse, cells.height)
+    gram += (views * found.view_weight[:, None]) @ views.mT
     return _chain(gram.double(), lobes.amplitude.double()), slopes.double().flatten(1)
 
 

@@ -16,6 +16,7 @@ for lobes are smooth at its scale but the map is not.
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -23,7 +24,7 @@ from torch import Tensor
 from asglight.fitting import leaves
 from asglight.fitting.grid import coarsen, coarser
 from asglight.fitting.leaves import Leaves
-from asglight.fitting.probes import PROBES, probe, pull, shares
+from asglight.fitting.probes import PROBES, of_views, probe, pull, shares, split
 from asglight.shading import kernels
 
 ENV_WEIGHT = 0.07
@@ -76,6 +77,7 @@ class Target:
         parts: Reference on the K parts of each cell.  [F, K, 3, C]
         env_scale: mean |ref|.  [F]
         probe_scale: mean |K_k ref| of each probe.  [F, K']
+        view_weight: Weight of each view in J: w_k and its share of the sphere over that.  [F, D]
         corners: phi's corners.
     """
 
@@ -84,6 +86,7 @@ class Target:
     parts: Tensor
     env_scale: Tensor
     probe_scale: Tensor
+    view_weight: Tensor
     corners: Corners
 
     @property
@@ -91,10 +94,12 @@ class Target:
         """Eps of the map.  [F]."""
         return self.corners.env * self.env_scale
 
-    def probe_corner(self, index: int) -> Tensor:
-        """Return eps of a probe.  [F]."""
-        even = PROBES[index].kernel == kernels.EVEN
-        return (EVEN_CORNER if even else self.corners.probe) * self.probe_scale[:, index]
+    @property
+    def view_corner(self) -> Tensor:
+        """Eps of each view.  [F, D]."""
+        device = str(self.probe_scale.device)
+        corners = _probe_corners(self.corners.probe, device) * self.probe_scale
+        return of_views(corners, self.places.rows)
 
     def repeated(self, count: int) -> "Target":
         """Return one frame as many, for lobes that compete for it.  F = 1 -> F = count."""
@@ -114,15 +119,15 @@ class Sizes:
         value: J, less its constant: 0 for a perfect fit.  [F]
         parts: phi on the parts of each cell.  [F, K, C]
         texels: phi on the texels.  [F, Q]
-        views: What each probe shows wrong.  One [F, 3, D] a probe
-        seen: phi of that.  One [F, D] a probe
+        views: What the probes show wrong.  [F, 3, D]
+        seen: phi of that.  [F, D]
     """
 
     value: Tensor
     parts: Tensor
     texels: Tensor
-    views: tuple[Tensor, ...]
-    seen: tuple[Tensor, ...]
+    views: Tensor
+    seen: Tensor
 
 
 @dataclass(frozen=True)
@@ -133,13 +138,13 @@ class Misfit:
         value: J, less its constant: 0 for a perfect fit.  [F]
         slope: dJ / d radiance.  [F, 3, P]
         env_weight: Weight of each leaf's square in J's majoriser.  [F, P]
-        probe_weights: The same for each probe's views.  One [F, D] a probe.
+        view_weight: The same for each view of the probes.  [F, D]
     """
 
     value: Tensor
     slope: Tensor
     env_weight: Tensor
-    probe_weights: tuple[Tensor, ...]
+    view_weight: Tensor
 
 
 def target(reference: Tensor, corners: Corners = Corners(), places: Leaves | None = None) -> Target:
@@ -158,13 +163,16 @@ def target(reference: Tensor, corners: Corners = Corners(), places: Leaves | Non
     env_scale = env_scale + (places.texel_share * _size(texels)).sum(-1)
     views = probe(leaves.to_cells(radiance, places), places.rows)
     shared = shares(places.rows, str(reference.device))
-    scales = [(s * _size(view)).sum(-1) for view, s in zip(views, shared, strict=True)]
+    sums = [size.sum(-1) for size in split(shared * _size(views), places.rows)]
+    probe_scale = torch.stack(sums, dim=-1).clamp(min=SCALE_MIN)
+    weights = reference.new_tensor([source.weight for source in PROBES])
     return Target(
         places,
         radiance,
         parts,
         env_scale.clamp(min=SCALE_MIN),
-        torch.stack(scales, dim=-1).clamp(min=SCALE_MIN),
+        probe_scale,
+        shared * of_views(weights / probe_scale, places.rows),
         corners,
     )
 
@@ -207,26 +215,22 @@ def sizes(radiance: Tensor, frame: Target) -> Sizes:
     if places.texel.shape[-1]:
         error = error + (places.texel_share * texels).sum(-1)
     views = probe(leaves.to_cells(residual, places), places.rows)
-    corners = [frame.probe_corner(index)[:, None] for index in range(len(views))]
-    seen = tuple(phi(*pair) for pair in zip(views, corners, strict=True))
+    seen = phi(views, frame.view_corner)
     total = ENV_WEIGHT * (error / frame.env_scale - frame.corners.env)
     return Sizes(total + of_materials(seen, frame), parts, texels, views, seen)
 
 
-def of_materials(seen: tuple[Tensor, ...], frame: Target) -> Tensor:
+def of_materials(seen: Tensor, frame: Target) -> Tensor:
     """Return J's part of what materials show wrong, all but the map's own.
 
     Args:
-        seen: `Sizes.seen` of reconstructions.
+        seen: `Sizes.seen` of reconstructions.  [F, D]
         frame: The maps.
 
     Returns:
         Less its constant.  [F]
     """
-    total = torch.zeros_like(frame.env_scale)
-    for index, (size, share) in enumerate(zip(seen, _view_weights(frame), strict=True)):
-        total = total + (share * (size - frame.probe_corner(index)[:, None])).sum(-1)
-    return total
+    return (frame.view_weight * (seen - frame.view_corner)).sum(-1)
 
 
 def misfit(radiance: Tensor, frame: Target, found: Sizes | None = None) -> Misfit:
@@ -248,19 +252,17 @@ def misfit(radiance: Tensor, frame: Target, found: Sizes | None = None) -> Misfi
         residual = radiance[..., cells:] - frame.radiance[..., cells:]
         slope = torch.cat([slope, residual * weight[:, None]], dim=-1)
         env_weight = torch.cat([env_weight, weight], dim=-1)
-    weights = [one / size for one, size in zip(_view_weights(frame), found.seen, strict=True)]
-    pulled = [view * one[:, None] for view, one in zip(found.views, weights, strict=True)]
-    slope = slope + leaves.from_cells(pull(tuple(pulled), places.rows), places)
-    return Misfit(found.value, slope, env_weight, tuple(weights))
+    view_weight = frame.view_weight / found.seen
+    pulled = pull(found.views * view_weight[:, None], places.rows)
+    return Misfit(found.value, slope + leaves.from_cells(pulled, places), env_weight, view_weight)
 
 
-def _view_weights(frame: Target) -> list[Tensor]:
-    """Return the weight of each view in J.  One [F, D] a probe."""
-    shared = shares(frame.places.rows, str(frame.radiance.device))
-    return [
-        share * (source.weight / frame.probe_scale[:, index])[:, None]
-        for index, (source, share) in enumerate(zip(PROBES, shared, strict=True))
-    ]
+@lru_cache(maxsize=16)
+@torch.inference_mode(False)
+def _probe_corners(corner: float, device: str) -> Tensor:
+    """Return phi's corner for each probe, of its mean.  [K']."""
+    corners = [EVEN_CORNER if each.kernel == kernels.EVEN else corner for each in PROBES]
+    return torch.tensor(corners, device=device)
 
 
 def placed(radiance: Tensor, frame: Target) -> Tensor:
@@ -277,12 +279,10 @@ def placed(radiance: Tensor, frame: Target) -> Tensor:
     residual = radiance - frame.radiance
     error = frame.places.share * (phi(residual, corner) - corner)
     total = error * (ENV_WEIGHT / frame.env_scale)[:, None]
-    lying = []
     views = probe(leaves.to_cells(residual, frame.places), frame.places.rows)
-    for index, (view, share) in enumerate(zip(views, _view_weights(frame), strict=True)):
-        corner = frame.probe_corner(index)[:, None]
-        lying.append((share * (phi(view, corner) - corner))[:, None])
-    pulled = pull(tuple(lying), frame.places.rows)
+    corner = frame.view_corner
+    lying = frame.view_weight * (phi(views, corner) - corner)
+    pulled = pull(lying[:, None], frame.places.rows)
     return total + leaves.from_cells(pulled, frame.places)[:, 0]
 
 

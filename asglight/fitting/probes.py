@@ -49,7 +49,7 @@ CURVATURE_ROWS = 32
 """Rows of the coarsest grid that is filtered, at most: the Gauss-Newton matrix's (newton.py)."""
 
 
-def probe(images: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> tuple[Tensor, ...]:
+def probe(images: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> Tensor:
     """Filter images with every probe.
 
     Args:
@@ -58,36 +58,43 @@ def probe(images: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> t
         sources: The probes.
 
     Returns:
-        What each probe shows of each image, ring by ring.  One [..., D] a probe.
+        What they show of each image, probe by probe and ring by ring.  [..., D]
     """
-    spectrum = _transformed(images, height)
+    device = str(images.device)
+    filters = _filters(sources, height, device).to(images)
+    rings = _transformed(images, height) @ filters  # [2 H, K, R]
     views = []
-    for source in sources:
-        rings = torch.bmm(spectrum, _filters(source, height, str(images.device)).to(images))
-        waves = _waves(2 * height, _stride(source, height), str(images.device)).to(images)
-        views.append((rings.flatten(1).mT @ waves).reshape(*images.shape[:-1], -1))
-    return tuple(views)
+    for source, own in zip(sources, rings.split([each.rings for each in sources], -1), strict=True):
+        waves = _waves(2 * height, _stride(source, height), device).to(images)
+        views.append((own.flatten(1).mT @ waves).reshape(*images.shape[:-1], -1))
+    return torch.cat(views, -1)
 
 
-def pull(views: tuple[Tensor, ...], height: int) -> Tensor:
+def pull(views: Tensor, height: int) -> Tensor:
     """Apply the transpose of `probe`.
 
     Args:
-        views: A number for each view of each probe.  One [..., D] a probe
+        views: A number for each view of each probe.  [..., D]
         height: Rows of the grid that was probed.
 
     Returns:
         On that grid.  [..., P]
     """
-    lead, device = views[0].shape[:-1], str(views[0].device)
-    spectrum = views[0].new_zeros(2 * height, lead.numel(), height)
-    for source, view in zip(PROBES, views, strict=True):
-        waves = _waves(2 * height, _stride(source, height), device).to(view)
-        rings = waves @ view.reshape(-1, waves.shape[-1]).mT
-        filters = _filters(source, height, device).to(view)
-        spectrum.baddbmm_(rings.unflatten(-1, (-1, source.rings)), filters.mT)
-    waves = _waves(2 * height, 1, device).to(spectrum)
+    lead, device = views.shape[:-1], str(views.device)
+    rings = []
+    for source, view in zip(PROBES, split(views, height), strict=True):
+        waves = _waves(2 * height, _stride(source, height), device).to(views)
+        ring = waves @ view.reshape(-1, waves.shape[-1]).mT
+        rings.append(ring.unflatten(-1, (-1, source.rings)))
+    filters = _filters(PROBES, height, device).to(views)
+    spectrum = torch.cat(rings, -1) @ filters.mT  # [2 H, K, H]
+    waves = _waves(2 * height, 1, device).to(views)
     return (spectrum.flatten(1).mT @ waves).reshape(*lead, -1)
+
+
+def split(views: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> tuple[Tensor, ...]:
+    """Return what each probe shows.  [..., D] -> one [..., D'] a probe."""
+    return views.split(_counts(sources, height), -1)
 
 
 def _transformed(images: Tensor, height: int) -> Tensor:
@@ -96,9 +103,9 @@ def _transformed(images: Tensor, height: int) -> Tensor:
     return (waves @ images.reshape(-1, 2 * height).mT).unflatten(-1, (-1, height))
 
 
-def shares(height: int, device: str, sources: tuple[Probe, ...] = PROBES) -> tuple[Tensor, ...]:
-    """Return each view's share of the sphere.  One [D] a probe."""
-    return tuple(_shares(p, height, device) for p in sources)
+def of_views(numbers: Tensor, height: int) -> Tensor:
+    """Give each view the number of its probe.  [..., K'] -> [..., D]."""
+    return numbers[..., _sources(height, str(numbers.device))]
 
 
 def directions(source: Probe, rows: int) -> Tensor:
@@ -119,12 +126,30 @@ def _stride(source: Probe, rows: int) -> int:
     return rows // coarse * max(s for s in range(1, most + 1) if 2 * coarse % s == 0)
 
 
+@lru_cache(maxsize=64)
+def _counts(sources: tuple[Probe, ...], rows: int) -> tuple[int, ...]:
+    """Return how many views each probe has."""
+    return tuple(source.rings * (2 * rows // _stride(source, rows)) for source in sources)
+
+
 @lru_cache(maxsize=32)
 @torch.inference_mode(False)
-def _shares(source: Probe, rows: int, device: str) -> Tensor:
-    columns = 2 * rows // _stride(source, rows)
-    areas = latlong.texel_solid_angles(source.rings, columns, dtype=torch.float64)
-    return (areas / (4 * math.pi)).reshape(-1).to(device, torch.float32)
+def _sources(rows: int, device: str) -> Tensor:
+    """Return the index of each view's probe.  [D]."""
+    counts = torch.tensor(_counts(PROBES, rows))
+    return torch.arange(len(counts)).repeat_interleave(counts).to(device)
+
+
+@lru_cache(maxsize=32)
+@torch.inference_mode(False)
+def shares(height: int, device: str, sources: tuple[Probe, ...] = PROBES) -> Tensor:
+    """Return each view's share of the sphere, 1 in all for each probe.  [D]."""
+    found = []
+    for source in sources:
+        columns = 2 * height // _stride(source, height)
+        areas = latlong.texel_solid_angles(source.rings, columns, dtype=torch.float64)
+        found.append((areas / (4 * math.pi)).reshape(-1))
+    return torch.cat(found).to(device, torch.float32)
 
 
 @lru_cache(maxsize=64)
@@ -150,8 +175,14 @@ def _waves(count: int, stride: int, device: str) -> Tensor:
 
 @lru_cache(maxsize=64)
 @torch.inference_mode(False)
-def _filters(source: Probe, rows: int, device: str) -> Tensor:
-    """Return the filter from rows to rings for each of `_waves`.  [2 H, H, R]."""
+def _filters(sources: tuple[Probe, ...], rows: int, device: str) -> Tensor:
+    """Return the filter from rows to the rings of all probes for each of `_waves`.  [2 H, H, R]."""
+    found = [_filter(source, rows) for source in sources]
+    return torch.cat(found, -1).to(device, torch.float32)
+
+
+def _filter(source: Probe, rows: int) -> Tensor:
+    """Return the filter of one probe, in float64.  [2 H, H, R]."""
     texels = latlong.directions(rows, 2 * rows, dtype=torch.float64).reshape(-1, 3)
     v = (torch.arange(source.rings, dtype=torch.float64) + 0.5) / source.rings
     u = torch.tensor(0.5 / (2 * rows), dtype=torch.float64)  # on the first column of texels
@@ -161,5 +192,4 @@ def _filters(source: Probe, rows: int, device: str) -> Tensor:
     weight = (weight / weight.sum(-1, keepdim=True)).reshape(source.rings, rows, 2 * rows)
     # even in the difference of longitude, so a cosine and its sine are filtered alike
     of_cosines = torch.fft.rfft(weight).real.permute(2, 1, 0)
-    filters = torch.cat([of_cosines, of_cosines[1:-1]])
-    return filters.contiguous().to(device, torch.float32)
+    return torch.cat([of_cosines, of_cosines[1:-1]])

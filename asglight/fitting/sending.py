@@ -15,7 +15,7 @@ from torch import Tensor
 from asglight.fitting import light, lobe_images, newton, objective, regroup, temporal
 from asglight.fitting.coordinates import Leash
 from asglight.fitting.leaves import to_cells
-from asglight.fitting.probes import PROBES, directions, probe
+from asglight.fitting.probes import PROBES, directions, probe, split
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 from asglight.lobes.frames import axes_around, parallel_transport
@@ -152,7 +152,7 @@ def sent(lobes: Lobes, free: Tensor, frame: objective.Target) -> Lobes:
     """
     sharpest = PROBES[-1]
     rows = frame.places.rows
-    wanted = probe(to_cells(frame.radiance, frame.places), rows)[-1][0]  # [3, D]
+    wanted = split(probe(to_cells(frame.radiance, frame.places), rows), rows)[-1][0]  # [3, D]
     brightest = float(wanted.sum(0).max())
     places = directions(sharpest, rows).to(wanted)
     axes, sharpness = lobes.axes.clone(), lobes.sharpness.clone()
@@ -160,7 +160,7 @@ def sent(lobes: Lobes, free: Tensor, frame: objective.Target) -> Lobes:
     for index in torch.nonzero(free).flatten().tolist():
         current = Lobes(axes, sharpness, amplitude, lobes.form)[None]
         shown = lobe_images.images(current, frame.places).radiance
-        lacking = wanted - probe(to_cells(shown, frame.places), rows)[-1][0]
+        lacking = wanted - split(probe(to_cells(shown, frame.places), rows), rows)[-1][0]
         place = int(lacking.sum(0).argmax())
         if float(lacking[:, place].sum()) < LACKING_SHARE * brightest:
             break

@@ -117,9 +117,10 @@ def _loss(lobes: Lobes, target: objective.Target) -> Tensor:
     error = (places.cell_share * parts).sum(-1) + (places.texel_share * texels).sum(-1)
     total = objective.ENV_WEIGHT * error / target.env_scale.double()
     on_cells = leaves.to_cells(residual, places)
+    corners = probes.split(target.view_corner, places.rows)  # one for all views of a probe
     for index, source in enumerate(probes.PROBES):
         share, operator = _material(source, places.rows)
-        size = objective.phi(on_cells @ operator.mT, target.probe_corner(index).double()[:, None])
+        size = objective.phi(on_cells @ operator.mT, corners[index][:, :1].double())
         weight = source.weight / target.probe_scale[:, index].double()
         total = total + weight * (share * size).sum(-1)
     return total
@@ -132,7 +133,7 @@ def _material(source: probes.Probe, rows: int) -> tuple[Tensor, Tensor]:
     views = torch.nn.functional.normalize(probes.directions(source, rows).double(), dim=-1)
     cosine = views @ cells.directions.mT
     values = kernels.kernel_values(source.kernel, cosine).double() * cells.share
-    share = probes.shares(rows, "cpu", (source,))[0].double()
+    share = probes.shares(rows, "cpu", (source,)).double()
     return share, values / values.sum(-1, keepdim=True)
 
 

@@ -59,21 +59,16 @@ def _env_rows(
 def _solved_by_scipy(lobes: Lobes, frame: objective.Target, ref: Tensor, index: int) -> np.ndarray:
     """Solve one frame's reweighted problem by its stacked rows.  [N, 3]."""
     places = frame.places
-    shown = lobe_images.images(lobes, places)
-    values = (shown.values * shown.scale[..., None])[index].double()
+    images = lobe_images.images(lobes, places)
+    values = (images.values * images.scale[..., None])[index].double()
     fit = lobes.amplitude[index].double().mT @ values
-    found = objective.misfit(shown.radiance, frame)
+    found = objective.misfit(images.radiance, frame)
     pieces = [_env_rows(values, fit, ref, frame, index)]
-    on_cells = to_cells(shown.values * shown.scale[..., None], places)[index]
+    on_cells = to_cells(images.values * images.scale[..., None], places)[index]
     truth = to_cells(frame.radiance, places)[index]
-    for view, wanted, weight in zip(
-        probes.probe(on_cells, places.rows),
-        probes.probe(truth, places.rows),
-        found.probe_weights,
-        strict=True,
-    ):
-        root = weight[index].double().sqrt()
-        pieces.append(((root * view.double()).mT, (root * wanted.double()).mT))
+    root = found.view_weight[index].double().sqrt()
+    shown, wanted = (probes.probe(each, places.rows).double() for each in (on_cells, truth))
+    pieces.append(((root * shown).mT, (root * wanted).mT))
     rows = torch.cat([piece[0] for piece in pieces]).numpy()
     targets = torch.cat([piece[1] for piece in pieces]).numpy()
     solved = [scipy.optimize.nnls(rows, targets[:, channel])[0] for channel in range(3)]

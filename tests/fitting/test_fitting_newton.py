@@ -131,10 +131,8 @@ def _dense_matrix(lobes: Lobes, frame: objective.Target, rows: int) -> Tensor:
         changes = _changes(images.unflatten(1, (lobes.count, -1)), lobes.amplitude)
         total += torch.einsum("ficp,fp,fjcp->fij", changes, weights[level], changes)
         if level == 0:
-            views = probe(changes.float(), rows)
-            for view, weight in zip(views, misfit.probe_weights, strict=True):
-                view, weight = view.double(), weight.double()
-                total += torch.einsum("ficp,fp,fjcp->fij", view, weight, view)
+            views, weight = probe(changes.float(), rows).double(), misfit.view_weight.double()
+            total += torch.einsum("ficp,fp,fjcp->fij", views, weight, views)
     return total
 
 

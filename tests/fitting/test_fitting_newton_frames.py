@@ -78,7 +78,7 @@ def _tensors(state: newton._State) -> tuple[Tensor, ...]:
     shown, sizes = state.shown, state.sizes
     shape = (shown.lobes.axes, shown.lobes.sharpness, shown.lobes.amplitude)
     images = (shown.values, shown.gaussian, shown.scale)
-    errors = (sizes.value, sizes.parts, sizes.texels, *sizes.views, *sizes.seen)
+    errors = (sizes.value, sizes.parts, sizes.texels, sizes.views, sizes.seen)
     return (*shape, *images, *errors, state.value)
 
 

@@ -103,7 +103,7 @@ def _loss_by_definition(fit: Tensor, ref: Tensor, rows: int, refined: list[int])
     )
     total = objective.ENV_WEIGHT * env
     maps = torch.stack(seen).unflatten(1, (rows, -1))
-    for source, share in zip(PROBES, probes.shares(rows, "cpu"), strict=True):
+    for source, share in zip(PROBES, probes.split(probes.shares(rows, "cpu"), rows), strict=True):
         directions = probes.directions(source, rows).double()
         views = kernels.filtered(maps, source.kernel, directions, normalised=True)
         total = total + source.weight * _term(views[0], views[1], share.double(), _corner(source))
@@ -144,8 +144,7 @@ def _majoriser(away: Tensor, misfit: objective.Misfit, places: Leaves) -> Tensor
     """Return slope times `away` and half the weighted squares of what it shows.  [F]."""
     squares = (misfit.env_weight[:, None] * away.square()).sum((1, 2))
     views = probes.probe(to_cells(away, places), places.rows)
-    for weight, view in zip(misfit.probe_weights, views, strict=True):
-        squares += (weight[:, None] * view.square()).sum((1, 2))
+    squares += (misfit.view_weight[:, None] * views.square()).sum((1, 2))
     return (misfit.slope * away).double().sum((1, 2)) + 0.5 * squares
 
 
@@ -209,7 +208,7 @@ def test_perfect_fit_has_no_loss_no_slope_and_finite_weights(case: tuple[int, in
     # a mean of equal parts is one of them to float32; slopes elsewhere are of the size of a share
     away = objective.misfit(1.1 * frame.radiance, frame).slope.abs().max()
     assert float(found.slope.abs().max()) < 1e-5 * float(away)
-    for weight in (found.env_weight, *found.probe_weights):
+    for weight in (found.env_weight, found.view_weight):
         assert bool(weight.isfinite().all())
         assert float(weight.min()) >= 0
 
@@ -244,7 +243,7 @@ def test_black_maps_have_a_finite_loss() -> None:
     frame = objective.target(torch.zeros(1, 3, 32 * 64))
     assert float(objective.value(torch.zeros(1, 3, 32 * 64), frame)) == pytest.approx(0, abs=1e-5)
     found = objective.misfit(torch.ones(1, 3, 32 * 64), frame)
-    everything = (found.value, found.slope, found.env_weight, *found.probe_weights)
+    everything = (found.value, found.slope, found.env_weight, found.view_weight)
     assert all(bool(tensor.isfinite().all()) for tensor in everything)
     assert float(found.value) > 1e6
 

@@ -24,7 +24,9 @@ def _map(height: int) -> torch.Tensor:
 def test_probe_is_the_kernel_filter_of_the_map(height: int) -> None:
     radiance = _map(height)
     texels = radiance.mT.reshape(height, 2 * height, 3).double()
-    for source, view in zip(PROBES, probes.probe(radiance, height), strict=True):
+    for source, view in zip(
+        PROBES, probes.split(probes.probe(radiance, height), height), strict=True
+    ):
         directions = probes.directions(source, height).double()
         expected = kernels.filtered(texels[None], source.kernel, directions, normalised=True)[0]
         # weights, transforms and directions in float32; the narrowest kernel's slope is 40
@@ -40,22 +42,18 @@ def test_probes_look_from_rings_evenly_over_latitude() -> None:
         torch.testing.assert_close(latitude, middle[:, None].expand_as(latitude), rtol=0, atol=1e-3)
 
 
-def _some_views(height: int, *batch: int) -> tuple[torch.Tensor, ...]:
-    """Return random numbers for each view of each probe.  One [*batch, D] a probe."""
+def _some_views(height: int, *batch: int) -> torch.Tensor:
+    """Return random numbers for each view of each probe.  [*batch, D]."""
     generator = torch.Generator().manual_seed(height)
-    shown = probes.shares(height, "cpu")
-    return tuple(torch.randn(*batch, len(share), generator=generator) for share in shown)
+    return torch.randn(*batch, len(probes.shares(height, "cpu")), generator=generator)
 
 
 def test_pull_is_the_transpose_of_each_probe() -> None:
     texels = 2 * 10 * 10
-    shown = probes.probe(torch.eye(texels), 10)
-    for index, views in enumerate(shown):
-        given = [torch.zeros(views.shape[-1], view.shape[-1]) for view in shown]
-        given[index] = torch.eye(views.shape[-1])
-        pulled = probes.pull(tuple(given), 10)
-        # transforms in float32 of weights below 1
-        torch.testing.assert_close(pulled, views.mT, rtol=0, atol=2e-7)
+    views = probes.probe(torch.eye(texels), 10)
+    pulled = probes.pull(torch.eye(views.shape[-1]), 10)
+    # transforms in float32 of weights below 1
+    torch.testing.assert_close(pulled, views.mT, rtol=0, atol=2e-7)
 
 
 @pytest.mark.parametrize("height", HEIGHTS)
@@ -63,12 +61,11 @@ def test_pull_is_the_transpose_of_all_probes_together(height: int) -> None:
     image, views = _map(height), _some_views(height, 3)
     pulled = probes.pull(views, height)
     assert pulled.shape == image.shape
-    seen = zip(probes.probe(image, height), views, strict=True)
-    products = [(view.double() * given).flatten() for view, given in seen]
-    left = float(sum(product.sum() for product in products))
+    products = probes.probe(image, height).double() * views
+    left = float(products.sum())
     right = float((image.double() * pulled).sum())
     # float32 numbers of some thousand random terms: rounding adds up as the terms do
-    size = float(torch.cat(products).square().sum().sqrt())
+    size = float(products.square().sum().sqrt())
     assert left == pytest.approx(right, abs=1e-5 * size)
     assert abs(left) > 1e-3 * size  # not two zeros
 
@@ -77,15 +74,16 @@ def test_views_of_a_batch_are_pulled_one_by_one() -> None:
     views = _some_views(32, 2, 3)
     pulled = probes.pull(views, 32)
     assert pulled.shape == (2, 3, 2 * 32 * 32)
-    alone = probes.pull(tuple(view[1, 2] for view in views), 32)
+    alone = probes.pull(views[1, 2], 32)
     # transforms in float32 of sums of order 1
     torch.testing.assert_close(pulled[1, 2], alone, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("height", HEIGHTS)
 def test_shares_of_the_views_sum_to_one(height: int) -> None:
-    views = probes.probe(_map(height), height)
-    for source, share, view in zip(PROBES, probes.shares(height, "cpu"), views, strict=True):
+    views = probes.split(probes.probe(_map(height), height), height)
+    shares = probes.split(probes.shares(height, "cpu"), height)
+    for source, share, view in zip(PROBES, shares, views, strict=True):
         assert float(share.double().sum()) == pytest.approx(1.0, rel=1e-6)  # rounded to float32
         assert share.shape == view.shape[-1:]
         directions = probes.directions(source, height)
@@ -97,15 +95,15 @@ def test_shares_of_the_views_sum_to_one(height: int) -> None:
 
 @pytest.mark.parametrize("height", HEIGHTS)
 def test_every_probe_shows_an_even_map_as_it_is(height: int) -> None:
-    for view in probes.probe(torch.full((3, 2 * height * height), 2.5), height):
-        # kernels are normalised on their own grid, in float32
-        torch.testing.assert_close(view, torch.full_like(view, 2.5), rtol=3e-6, atol=0)
+    views = probes.probe(torch.full((3, 2 * height * height), 2.5), height)
+    # kernels are normalised on their own grid, in float32
+    torch.testing.assert_close(views, torch.full_like(views, 2.5), rtol=3e-6, atol=0)
 
 
 def test_the_even_probe_shows_the_mean_radiance() -> None:
     (index,) = (i for i, source in enumerate(PROBES) if source.kernel == kernels.EVEN)
     image = _map(100)
-    view = probes.probe(image, 100)[index]
+    view = probes.split(probes.probe(image, 100), 100)[index]
     mean = (image * grid(100).share).sum(-1, keepdim=True)
     torch.testing.assert_close(view, mean.expand_as(view), rtol=1e-5, atol=0)
 
@@ -113,9 +111,7 @@ def test_the_even_probe_shows_the_mean_radiance() -> None:
 def test_images_of_a_batch_are_probed_one_by_one() -> None:
     batch = torch.stack([_map(32), _map(32).flip(-1), torch.ones(3, 2048)])
     for index, image in enumerate(batch):
-        alone = probes.probe(image, 32)
-        for views, expected in zip(probes.probe(batch, 32), alone, strict=True):
-            torch.testing.assert_close(views[index], expected)
+        torch.testing.assert_close(probes.probe(batch, 32)[index], probes.probe(image, 32))
 
 
 @pytest.mark.parametrize("height", [48, 50, 64, 94, 96])
