@@ -97,15 +97,15 @@ def split(views: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> tu
     return views.split(_counts(sources, height), -1)
 
 
+def of_views(numbers: Tensor, height: int) -> Tensor:
+    """Give each view the number of its probe.  [..., K'] -> [..., D]."""
+    return numbers[..., _sources(height, str(numbers.device))]
+
+
 def _transformed(images: Tensor, height: int) -> Tensor:
     """Return the Fourier transform of images along their rows.  [..., H * 2 H] -> [2 H, K, H]."""
     waves = _waves(2 * height, 1, str(images.device)).to(images)
     return (waves @ images.reshape(-1, 2 * height).mT).unflatten(-1, (-1, height))
-
-
-def of_views(numbers: Tensor, height: int) -> Tensor:
-    """Give each view the number of its probe.  [..., K'] -> [..., D]."""
-    return numbers[..., _sources(height, str(numbers.device))]
 
 
 def directions(source: Probe, rows: int) -> Tensor:
