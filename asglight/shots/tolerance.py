@@ -32,9 +32,10 @@ SEARCHED_FRAMES = 5
 FIRST_TRY = 4
 """Lobes tried first: few, for such a fit takes a second, and one with 30 takes four."""
 
-GROWTH_MAX = 1.5
-"""Factor on the number from one fit of the shot to the next: the error falls at least as the number
-grows, which asks for fewer where it is near and would overshoot where it is far."""
+GROWTH_MAX = 1.25
+"""Factor on the number from one fit of the shot to the next, at most. The error falls at least as
+the number grows where it is near; far off it is that of one frame in which a lamp was lost. With
+1.5 the built-in environment comes to 15 lobes at 2 %, with 1.25 to 10, in less time."""
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,8 @@ def test_the_search_ends_at_the_most_lobes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("count", "excess", "expected"), [(9, 1.01, 10), (9, 1.3, 12), (9, 7.0, 14), (28, 1.4, 30)]
+    ("count", "excess", "expected"),
+    [(9, 1.01, 10), (9, 1.2, 11), (9, 7.0, 12), (3, 7.0, 4), (28, 1.4, 30)],
 )
 def test_a_missed_tolerance_asks_for_more(count: int, excess: float, expected: int) -> None:
     assert more_lobes(count, excess, 30) == expected
