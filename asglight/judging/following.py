@@ -9,14 +9,13 @@ import math
 from collections.abc import Iterable, Sequence
 
 import torch
-from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from asglight.fitting import first_frame, whole_shot
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
 from asglight.judging.clock import Clock, Point, timed
-from asglight.lobes import Lobes, asg
+from asglight.lobes import Lobes, matching
 from asglight.lobes.data import stack
 from asglight.threads import Team, one_thread
 
@@ -64,18 +63,14 @@ def refined(
 
 
 def matched(found: Sequence[Lobes]) -> list[Lobes]:
-    """Reorder the lobes of each frame so that they turn least, the bright ones before all.
+    """Reorder the lobes of each frame so that they turn least from the one before.
 
     The order of lobes that were fitted independently means nothing: only the best match between
     neighbouring frames can be called a motion.
     """
     result = list(found[:1])
     for lobes in found[1:]:
-        before, share = _shares(result[-1]), _shares(lobes)
-        turned = torch.acos((result[-1].axis_z @ lobes.axis_z.mT).clamp(-1, 1))  # [N, N]
-        cost = turned * torch.maximum(before[:, None], share[None, :])
-        _, order = linear_sum_assignment(cost.numpy())
-        result.append(lobes.select(torch.from_numpy(order)))
+        result.append(matching.matched(lobes, result[-1]))
     return result
 
 
@@ -84,12 +79,6 @@ def jumps(found: Sequence[Lobes]) -> int:
     count = 0
     for before, lobes in itertools.pairwise(found):
         turned = (before.axis_z * lobes.axis_z).sum(-1) < math.cos(math.radians(JUMP_DEG))
-        lit = torch.maximum(_shares(before), _shares(lobes)) > JUMP_SHARE
+        lit = torch.maximum(matching.flux_shares(before), matching.flux_shares(lobes)) > JUMP_SHARE
         count += int((turned & lit).sum())
     return count
-
-
-def _shares(lobes: Lobes) -> Tensor:
-    """Return each lobe's share of the flux, RGB summed; zeros where all is dark.  [N]."""
-    flux = asg.flux(lobes).sum(-1)
-    return flux / flux.sum().clamp(min=torch.finfo(flux.dtype).tiny)
