@@ -23,11 +23,13 @@ from asglight.fitting.first_frame import (
     with_flux_of,
 )
 from asglight.fitting.objective import Corners
+from asglight.fitting.rearranging import rearranged
 from asglight.fitting.resending import Resent, resent
 from asglight.fitting.tracking import claims, drawn, found_again
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import align, parallel_transport
+from asglight.lobes.matching import matched
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,26 @@ DAMPING_START = 0.05
 LEASH_DEG = 9.9
 """From frame to frame a lit lobe turns by less than this: beyond 10 degrees it would be a jump."""
 
-SUSPECT_LOSS = 1.0
-"""Loss from which a frame gets the steps of `FAST` on top, and if that is not enough, is fitted
-afresh as well: far above that of any of ten real maps, each fitted by itself."""
+UNLIKE, UNLIKE_LOSS = 5.0, 1 / 3
+"""Loss of the lobes as they were, and of the fit, from which a frame is fitted afresh as well.
+Where lamps rush through a tunnel the one comes to 4, and under a sun that moves by its widths to
+10, but there the other stays low."""
 
-CUT_GAIN = 0.2
-"""A fresh fit with less than this share of the loss means a cut: the lobes start anew."""
+SUSPECT_LOSS = 1.0
+"""Loss from which `live` takes the steps of `FAST` on top, and may start anew where nothing else
+helps: far above that of any of ten real maps, each fitted by itself."""
+
+DOUBT_LOSS = 0.5
+"""Loss from which lobes are rearranged: they may jump then. Where lamps rush past, less comes and
+goes: with 0.25 `live` would let lobes jump in a tunnel, and with 0.4 `fast` where one lamp passes
+overhead."""
+
+CHANGED = 1.2
+"""Loss of the lobes as they were, over that of the fit, from which a frame counts as changed: where
+lobes are far too few for the map every loss is high, and nothing is in doubt."""
+
+JUMP_GAIN = 2 / 3
+"""Share of the loss below which lobes may have jumped for it."""
 
 
 def fit_next_frame(
@@ -105,7 +121,7 @@ def fit_next_frame(
     whole = objective.target(frame.radiance)
     coarse = objective.trial_target(frame.radiance, effort.whole[0].corners)
     width_min = narrowest(frame.height)
-    outcome = _started(before, earlier, coarse, leash, width_min)
+    outcome, unlike = _started(before, earlier, coarse, leash, width_min)
     competing = replace(coarse, corners=effort.whole[-1].corners)
     if bool(free.any()):
         if effort.sends:
@@ -120,16 +136,22 @@ def fit_next_frame(
     if float(outcome.value) > SUSPECT_LOSS:
         outcome = _stepped(outcome, whole, FAST.whole, held, leash, width_min)
     loss = float(outcome.value)
-    if loss > SUSPECT_LOSS:
-        fresh = fit_first_frame(reference, previous.count, previous.form)
-        if fresh.loss < CUT_GAIN * loss:
+    starts_anew = loss > UNLIKE_LOSS and unlike > UNLIKE
+    if not starts_anew and loss > DOUBT_LOSS and unlike > CHANGED * loss:
+        there = _where_light_is(outcome, whole, competing, leash, width_min)
+        if there is not None:
+            outcome, leash = there
+        starts_anew = there is None and (effort.sends or loss > SUSPECT_LOSS)
+    if starts_anew:
+        fresh = _anew(reference, previous)
+        if fresh.loss < JUMP_GAIN * loss:
             return fresh
     lit = align(relit(outcome, whole).lobes[0], before)
     if effort.sends:
         going = resent(lit, before, competing, width_min)
         if going is not None:
             lit = _without(lit, going, whole, leash, width_min)
-    return with_flux_of(lit, frame, loss)
+    return with_flux_of(lit, frame, float(outcome.value))
 
 
 def _without(
@@ -138,16 +160,54 @@ def _without(
     """Return the lobes with one dark and where it goes, the others fitted without it.  [N, .]."""
     rest = torch.tensor([index for index in range(lobes.count) if index != going.index])
     others = lobes.select(rest)[None]
-    outcome = _stepped(
-        newton.Outcome(others, torch.empty(0), torch.tensor([DAMPING_START])),
-        frame,
-        LIVE.whole,
-        temporal.prior(others),
-        Leash(leash.axis_z[rest], leash.cosine[rest]),
-        width_min,
-    )
+    held = Leash(leash.axis_z[rest], leash.cosine[rest])
+    outcome = _afresh(others, frame, LIVE.whole, held, width_min)
     lit = lobes.replaced(rest, relit(outcome, frame).lobes[0])
     return lit.replaced(torch.tensor([going.index]), going.lobe)
+
+
+def _where_light_is(
+    outcome: newton.Outcome,
+    frame: objective.Target,
+    coarse: objective.Target,
+    leash: Leash,
+    width_min: float,
+) -> tuple[newton.Outcome, Leash] | None:
+    """Rearrange lobes; return them and what then holds them, or None where that gains too little.
+
+    Args:
+        outcome: The lobes after their steps.  F = 1
+        frame: The map.
+        coarse: The same on few leaves.
+        leash: How far each lobe may go that stays.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+    """
+    there = rearranged(outcome.lobes[0], coarse, leash, width_min)
+    if there is None:
+        return None
+    found = _afresh(there.lobes, frame, FAST.whole, there.leash, width_min)
+    if float(found.value) > JUMP_GAIN * float(outcome.value):
+        return None
+    return found, there.leash
+
+
+def _anew(reference: Tensor, previous: Lobes) -> FrameFit:
+    """Fit a frame from nothing; lobes that stand for the same lamps keep their places."""
+    fresh = fit_first_frame(reference, previous.count, previous.form)
+    ordered = matched(fresh.lobes, previous, math.radians(LEASH_DEG))
+    return replace(fresh, lobes=align(ordered, previous))
+
+
+def _afresh(
+    lobes: Lobes,
+    frame: objective.Target,
+    levels: tuple[Level, ...],
+    leash: Leash,
+    width_min: float,
+) -> newton.Outcome:
+    """Take the steps of each level from lobes of which some went elsewhere.  [1, N, .]."""
+    start = newton.Outcome(lobes, torch.empty(0), torch.tensor([DAMPING_START]))
+    return _stepped(start, frame, levels, temporal.prior(lobes), leash, width_min)
 
 
 def _stepped(
@@ -182,7 +242,7 @@ def _started(
     frame: objective.Target,
     leash: Leash,
     width_min: float,
-) -> newton.Outcome:
+) -> tuple[newton.Outcome, float]:
     """Return the lobes as they were, or moved on as they moved last, or turned to a lost lamp.
 
     Each of these competes, and each drawn after the lamps from there.
@@ -193,6 +253,9 @@ def _started(
         frame: This frame.
         leash: How far each lobe may go.
         width_min: Sigma of the narrowest lobe allowed, radians.
+
+    Returns:
+        The best of these, and the loss of the lobes as they were, with the light that they had.
     """
     places = [before.axis_z]
     if earlier is not None:
@@ -215,9 +278,10 @@ def _started(
     still_best, after_best = value.view(2, -1).argmin(-1).tolist()
     pair = frame.repeated(2)
     lit = light.relight(shown[[still_best, count + after_best]], pair)
+    as_it_was = float(value[0])
     value = objective.value(lit.radiance, pair)
     damping = torch.full_like(value, DAMPING_START)
-    return newton.Outcome(lit.lobes, value, damping, lit).best()
+    return newton.Outcome(lit.lobes, value, damping, lit).best(), as_it_was
 
 
 def _at(lobes: Lobes, axis_z: Tensor) -> Lobes:

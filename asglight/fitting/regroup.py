@@ -13,6 +13,7 @@ first steps must fill.
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import torch
@@ -147,7 +148,21 @@ def carried_out(split: Split, lobes: Lobes, filled: Tensor, width_min: float) ->
         filled: The steps of `absences`.  [N, N, 8]
         width_min: Sigma of the narrowest lobe allowed, radians.
     """
-    return halved(advance(lobes, filled[split.gone], width_min), *split)
+    return halved(without(split.gone, lobes, filled, width_min), *split)
+
+
+def without(gone: int, lobes: Lobes, filled: Tensor, width_min: float) -> Lobes:
+    """Return the lobes with one black, the others making up for it.
+
+    Args:
+        gone: Index of the one that goes.
+        lobes: The lobes.  [N, .]
+        filled: The steps of `absences`.  [N, N, 8]
+        width_min: Sigma of the narrowest lobe allowed, radians.
+    """
+    ahead = advance(lobes, filled[gone], width_min)
+    lit = torch.arange(lobes.count, device=lobes.axes.device) != gone
+    return replace(ahead, amplitude=ahead.amplitude * lit[:, None])
 
 
 def absences(shown: lobe_images.Images, frame: objective.Target) -> tuple[Tensor, Tensor]:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which lobe of a frame is which lobe of the frame before, where their order means nothing."""
 
+import math
+
 import torch
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
@@ -9,15 +11,19 @@ from asglight.lobes import asg
 from asglight.lobes.data import Lobes
 
 
-def matched(lobes: Lobes, before: Lobes) -> Lobes:
+def matched(lobes: Lobes, before: Lobes, far: float = math.pi) -> Lobes:
     """Reorder lobes that were fitted from nothing so that they turn least, the bright before all.
 
     Args:
         lobes: The lobes of a frame.  [N, .]
         before: Those of the frame before.  [N, .]
+        far: Radians from which it does not count how far: the lobe is another lobe then, and the
+            others are not to turn for its sake.
     """
     turned = torch.acos((before.axis_z @ lobes.axis_z.mT).clamp(-1, 1))  # [N, N]
-    cost = turned * torch.maximum(flux_shares(before)[:, None], flux_shares(lobes)[None, :])
+    cost = turned.clamp(max=far) * torch.maximum(
+        flux_shares(before)[:, None], flux_shares(lobes)[None, :]
+    )
     _, order = linear_sum_assignment(cost.cpu().numpy())
     return lobes.select(torch.from_numpy(order).to(turned.device))
 
