@@ -79,8 +79,8 @@ Where lamps rush through a tunnel the one comes to 4, and under a sun that moves
 10, but there the other stays low."""
 
 SUSPECT_LOSS = 1.0
-"""Loss from which `live` takes the steps of `FAST` on top, and may start anew where nothing else
-helps: far above that of any of ten real maps, each fitted by itself."""
+"""Loss from which a frame gets the steps of `FAST` on top, and if that is not enough, is fitted
+afresh as well: far above that of any of ten real maps, each fitted by itself."""
 
 DOUBT_LOSS = 0.5
 """Loss from which lobes are rearranged: they may jump then. Where lamps rush past, less comes and
@@ -136,13 +136,13 @@ def fit_next_frame(
     if float(outcome.value) > SUSPECT_LOSS:
         outcome = _stepped(outcome, whole, FAST.whole, held, leash, width_min)
     loss = float(outcome.value)
-    starts_anew = loss > UNLIKE_LOSS and unlike > UNLIKE
+    starts_anew = loss > SUSPECT_LOSS or (loss > UNLIKE_LOSS and unlike > UNLIKE)
     if not starts_anew and loss > DOUBT_LOSS and unlike > CHANGED * loss:
         there = _where_light_is(outcome, whole, competing, leash, width_min)
         if there is not None:
             outcome, leash = there
-        starts_anew = there is None and (effort.sends or loss > SUSPECT_LOSS)
-    if starts_anew:
+        starts_anew = there is None and effort.sends
+    if starts_anew and unlike > CHANGED * loss:
         fresh = _anew(reference, previous)
         if fresh.loss < JUMP_GAIN * loss:
             return fresh
