@@ -76,16 +76,7 @@ TIME = (
     _shot("flash", "a lamp for one frame of 5", _flash),
     _shot("cut", "outside, then a room", _cut),
     _shot("strobe", "all light off and on, 5 frames", _strobe),
-    _shot(
-        "strobe-lamp",
-        "a lamp off and on, 6 frames",
-        _strobe_lamp,
-        Bound(
-            0.025,
-            "A lobe is free to go to a new lamp when it was dark for two frames; to a lamp that "
-            "flashes every other frame fewer lobes go.",
-        ),
-    ),
+    _shot("strobe-lamp", "a lamp off and on, 6 frames", _strobe_lamp),
     _shot("frozen", "the same frame 4 times", lambda: [sun_and_sky()] * 4),
     _shot("grain", "new grain of 20 % each frame", _grain),
     _shot(

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several starts for one frame: where they are cut, which end is taken, what is reported."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from asglight.fitting import first_frame, light, lobe_images, newton, objective,
 from asglight.fitting.first_frame import Level
 from asglight.fitting.leaves import Leaves
 from asglight.fitting.objective import Corners
+from asglight.judging import stress_maps
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import orthonormal
 
@@ -128,3 +130,45 @@ def test_a_wide_dim_pair_is_cut_before_a_narrow_bright_one_where_spread_counts_i
     labels = seeding.split(source, 3, spread).tolist()
     assert (labels[2] != labels[3]) == (halved == "wide")
     assert (labels[0] != labels[1]) == (halved == "narrow")
+
+
+PHI = (1 + math.sqrt(5)) / 2
+
+
+def _ring(count: int, elevation_deg: float) -> list[tuple[float, float, float]]:
+    return [stress_maps.toward(360 * k / count, elevation_deg) for k in range(count)]
+
+
+@pytest.mark.parametrize(
+    "places",
+    [
+        pytest.param([*torch.eye(3).tolist(), *(-torch.eye(3)).tolist()], id="axes"),
+        pytest.param(list(itertools.product((1.0, -1.0), repeat=3)), id="cube"),
+        pytest.param(
+            [
+                place
+                for a, b in itertools.product((1.0, -1.0), (PHI, -PHI))
+                for place in ((0.0, a, b), (a, b, 0.0), (b, 0.0, a))
+            ],
+            id="icosahedron",
+        ),
+        pytest.param(_ring(4, 0.0), id="four-around"),
+        pytest.param(_ring(8, 17.0), id="eight-around"),
+        pytest.param([*_ring(4, 30.0), *_ring(4, -30.0)], id="two-rings"),
+    ],
+)
+def test_lamps_that_stand_alike_start_with_a_lobe_each(
+    places: list[tuple[float, float, float]],
+) -> None:
+    known = stress_maps.lamps(places, 2e3)
+    source = seeding.cells(stress_maps.render(known, 128))
+    seeds = seeding.seed_lobes(source, len(places), Form.ASG, math.inf)
+    cosine = seeds.axis_z.double() @ known.axis_z.double().T
+    assert sorted(cosine.argmax(-1).tolist()) == list(range(len(places)))
+    assert float(cosine.amax(-1).min()) > math.cos(math.radians(0.5))
+
+
+def test_a_map_of_one_lit_texel_is_not_cut() -> None:
+    one = torch.zeros(8, 16, 3)
+    one[2, 5] = 1.0
+    assert seeding.split(seeding.cells(one), 3, math.inf).unique().tolist() == [0]
