@@ -7,14 +7,12 @@ import torch
 from torch import Tensor
 
 from asglight.judging import stress_maps as maps
-from asglight.judging.stress_case import IRRADIANCE, Bound, Case, Group
+from asglight.judging.stress_case import Case, Group
 from asglight.judging.stress_maps import lobe, render, sun_and_sky, together, toward
 
 
-def _shot(
-    name: str, holds: str, frames: Callable[[], list[Tensor]], irradiance: Bound = IRRADIANCE
-) -> Case:
-    return Case(name, Group.TIME, holds, frames, irradiance=irradiance)
+def _shot(name: str, holds: str, frames: Callable[[], list[Tensor]]) -> Case:
+    return Case(name, Group.TIME, holds, frames)
 
 
 def _lamp(places: Sequence[tuple[float, float]]) -> list[Tensor]:
