@@ -48,6 +48,10 @@ FLOATS_MAX = 400
 WIDTH = 160
 """Columns: every row in one line, also in a log or a file; a narrower terminal breaks lines."""
 
+WIDE = 1e4
+"""From which a number is written as a power of ten: where a fit is black nearly everywhere, its
+tone mapping makes an error of millions."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `compare`."""
@@ -170,9 +174,14 @@ def _column(values: Sequence[float | None], form: str, *, lowest: bool) -> list[
     """Return the cells of a column."""
     known = [value for value in values if value is not None]
     best = (min if lowest else max)(known, default=None)
-    texts = ["–" if value is None else form.format(value) for value in values]
-    bold = None if best is None else form.format(best)
+    texts = ["–" if value is None else _cell(value, form) for value in values]
+    bold = None if best is None else _cell(best, form)
     return [f"[bold]{text}[/bold]" if text == bold else text for text in texts]
+
+
+def _cell(value: float, form: str) -> str:
+    """Return a number in a form, or by its power of ten where that form would fill a column."""
+    return form.format(value) if abs(value) < WIDE else f"{value:.0e}"
 
 
 def _table(

@@ -7,12 +7,14 @@ from pathlib import Path
 import image_files
 import numpy as np
 import pytest
+import torch
 from rich.console import Console
 from torch import Tensor
 
 from asglight.cli import compare
 from asglight.cli.main import main
 from asglight.judging import perceptual, spheres
+from asglight.judging.metrics import METRIC_NAMES
 from asglight.shading.balls import coverage
 
 METHODS = "median-cut,sh"
@@ -81,6 +83,31 @@ def test_a_name_in_brackets_is_printed_as_it_is() -> None:
     with console.capture() as captured:
         console.print(compare.errors_table([], "sky[bold]"))
     assert captured.get().startswith("sky[bold]")
+
+
+def test_errors_of_millions_do_not_fill_a_column() -> None:
+    """Least squares under a sun can end black but for a spot; its tone mapping is then no scale."""
+    huge, small = (
+        compare.Result(
+            name="srbf",
+            floats=120,
+            seconds=1.0,
+            steps=0,
+            errors=dict.fromkeys(METRIC_NAMES, 0.5),
+            psnr=7.0,
+            flip=None,
+            spheres=dict.fromkeys(spheres.SPHERES, spheres.SphereErrors(rmse, 0.25, 8.0)),
+            radiance=torch.zeros(2, 4, 3),
+            balls=torch.zeros(3, 2, 2, 3),
+        )
+        for rmse in (73780929.2, 0.125)
+    )
+    console = Console(width=compare.WIDTH)
+    with console.capture() as captured:
+        console.print(compare.spheres_table([huge, small]))
+    *_, first, second = captured.get().splitlines()
+    assert first.split()[-9:] == ["7e+07", "0.250", "8.000"] * 3
+    assert second.split()[-9:] == ["0.125", "0.250", "8.000"] * 3
 
 
 @pytest.mark.parametrize(
