@@ -5,8 +5,8 @@
 
 Parts are thirds that share four frames, fitted with `--preroll` and without. Errors are means over
 all frames as `asglight eval` prints them, jumps as benchmarks/fit.py counts them. A lobe goes on if
-it is lit in the frames before and after those that two parts share; each seam says how many of
-those lit before do.
+it has more than 1 % of the flux in the frames before and after those that two parts share; each
+seam says how many of those that have it before do.
 """
 
 import argparse
@@ -20,9 +20,10 @@ from typing import NamedTuple
 import torch
 
 from asglight.cli.main import main as asglight
+from asglight.cli.printing import counted
 from asglight.fitting.options import Preset
 from asglight.images.sequence import open_sequence
-from asglight.judging.following import jumps
+from asglight.judging.following import JUMP_SHARE, jumps
 from asglight.judging.metrics import frame_errors, sequence_errors
 from asglight.lobes import LobeTracks
 from asglight.lobes.matching import flux_shares
@@ -32,8 +33,8 @@ PARTS = 3
 OVERLAP = 4
 """Frames that neighbours share, as docs/farms.md asks."""
 
-LIT_SHARE = 0.01
-"""Of a frame's flux, from which a lobe counts as lit; jumps count from there as well."""
+PRESETS = (Preset.LIVE, Preset.FAST, Preset.BEST)
+"""`paper` takes a shot as one part."""
 
 
 class Range(NamedTuple):
@@ -47,19 +48,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Fit one sequence in each way, print a table."""
     parser = argparse.ArgumentParser(prog="parts", description=__doc__)
     parser.add_argument("sequence", metavar="DIR", help="a sequence of latlong maps")
-    parser.add_argument("--preset", choices=[*Preset], default=Preset.FAST)
+    parser.add_argument("--preset", choices=PRESETS, default=Preset.FAST, help="(fast)")
     options = parser.parse_args(argv)
     frames = list(open_sequence(options.sequence).frames)
     if len(frames) < PARTS * OVERLAP:
-        parser.error(f"{options.sequence}: {len(frames)} frames; expected {PARTS * OVERLAP}")
+        parser.error(
+            f"{options.sequence}: {counted(len(frames), 'frame')}; expected {PARTS * OVERLAP} or "
+            "more. Give a longer sequence."
+        )
     ranges = cut(frames)
-    with tempfile.TemporaryDirectory() as folder:
-        stage = Path(folder)
-        whole = _fitted(options, stage / "whole.usdc", Range(frames[0], frames[-1]), [])
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        whole = _fitted(options, folder / "whole.usdc", Range(frames[0], frames[-1]), [])
         shots = {"one fit": read_usd(str(whole))}
         ways = {"parts": ["--preroll", str(frames[0])], "parts from nothing": []}
         for number, (name, words) in enumerate(ways.items()):
-            shots[name] = _stitched(options, stage / str(number), ranges, words)
+            shots[name] = _stitched(options, folder / str(number), ranges, words)
     ends = [frames.index(before.last) for before in ranges[:-1]]
     seams = [(frames[end - OVERLAP], frames[end + 1]) for end in ends]
     rows = [row(name, tracks, options.sequence, seams) for name, tracks in shots.items()]
@@ -134,7 +138,7 @@ def going_on(tracks: LobeTracks, before: int, after: int) -> tuple[int, int]:
         before: The one frame.
         after: The later one.
     """
-    lit, stays = (flux_shares(tracks.at(frame)) > LIT_SHARE for frame in (before, after))
+    lit, stays = (flux_shares(tracks.at(frame)) > JUMP_SHARE for frame in (before, after))
     return int((lit & stays).sum()), int(torch.count_nonzero(lit))
 
 

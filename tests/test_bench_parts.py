@@ -61,4 +61,4 @@ def test_a_shot_too_short_to_cut_is_refused(
     with pytest.raises(SystemExit) as end:
         parts.main([str(tmp_path)])
     assert end.value.code == 2
-    assert "1 frames; expected 12" in capsys.readouterr().err
+    assert ": 1 frame; expected 12 or more. Give a longer" in capsys.readouterr().err

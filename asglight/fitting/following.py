@@ -136,13 +136,14 @@ def fit_next_frame(
     if float(outcome.value) > SUSPECT_LOSS:
         outcome = _stepped(outcome, whole, FAST.whole, held, leash, width_min)
     loss = float(outcome.value)
+    changed = unlike > CHANGED * loss
     starts_anew = loss > SUSPECT_LOSS or (loss > UNLIKE_LOSS and unlike > UNLIKE)
-    if not starts_anew and loss > DOUBT_LOSS and unlike > CHANGED * loss:
+    if changed and not starts_anew and loss > DOUBT_LOSS:
         there = _where_light_is(outcome, whole, competing, leash, width_min)
         if there is not None:
             outcome, leash = there
         starts_anew = there is None and effort.sends
-    if starts_anew and unlike > CHANGED * loss:
+    if changed and starts_anew:
         fresh = _anew(reference, previous)
         if fresh.loss < JUMP_GAIN * loss:
             return fresh

@@ -13,6 +13,7 @@ from asglight.fitting import following, newton, objective, rearranging, regroup
 from asglight.fitting.coordinates import Leash
 from asglight.fitting.leaves import leaves
 from asglight.fitting.options import FitOptions, Preset
+from asglight.judging import stress_maps
 from asglight.judging.following import jumps
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Lobes, asg, texels
@@ -47,6 +48,15 @@ def test_a_lamp_that_turns_further_than_a_leash_is_lit_in_every_frame(
         errors = frame_errors(fit.lobes, reference).values
         assert errors["r0.5"] < 0.03  # a lamp that is not lit at all costs 0.5 and more
         assert errors["irr"] < 0.01
+
+
+@pytest.mark.parametrize("preset", [Preset.LIVE, Preset.FAST])
+def test_a_camera_that_turns_by_45_degrees_a_frame_costs_no_light(preset: Preset) -> None:
+    """No few lobes that go make up for all that are elsewhere: such a frame starts from nothing."""
+    day = stress_maps.sun_and_sky()
+    maps = [stress_maps.turned(day, 45.0 * frame) for frame in range(3)]
+    for fit, reference in zip(follow(maps, FitOptions(preset=preset)), maps, strict=True):
+        assert frame_errors(fit.lobes, reference).values["irr"] < 2e-3
 
 
 def test_no_more_lobes_jump_than_are_sent() -> None:
