@@ -36,10 +36,7 @@ PARTS: dict[str, tuple[str, ...]] = {
         "asglight.images.repair.Repairing.account",
     ),
     "light, with its ridge": ("asglight.fitting.light.relight",),
-    "sending free lobes": (
-        "asglight.fitting.sending.lit_where_worth",
-        "asglight.fitting.sending.sent",
-    ),
+    "sending free lobes": ("asglight.fitting.following.lit_where_worth",),
     "wider sight for a lost lamp": ("asglight.fitting.following.found_again",),
     "sparing a lobe": ("asglight.fitting.following.resent", "asglight.fitting.following._without"),
     "doubt: a fresh fit": ("asglight.fitting.following.fit_first_frame",),

@@ -14,18 +14,19 @@ from asglight.images import write_exr
 shots_turned = script("shots_turned")
 
 
-def test_each_way_has_the_same_light_in_another_place_or_order() -> None:
+@pytest.mark.parametrize("turns", [2, 8])
+def test_each_way_has_the_same_light_in_another_place_or_order(turns: int) -> None:
     maps = [sky_and_sun(degrees, 16) for degrees in (0.0, 20.0)]
-    found = shots_turned.ways(maps)
-    assert len(found) == 6
+    found = shots_turned.ways(maps, turns)
+    assert len(found) == 3 * turns
     keys = {tuple(each.numpy().tobytes() for each in way) for way in found}
-    assert len(keys) == 6
+    assert len(keys) == 3 * turns
     for way in found:
         assert sum(float(each.sum()) for each in way) == pytest.approx(
             sum(float(each.sum()) for each in maps), rel=1e-6
         )
-    assert torch.equal(found[2][0], maps[1])
-    assert torch.equal(found[4][0], maps[0].flip(1))
+    assert torch.equal(found[turns][0], maps[1])
+    assert torch.equal(found[2 * turns][0], maps[0].flip(1))
 
 
 @pytest.mark.parametrize("preset", [Preset.LIVE, Preset.FAST])

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import light, lobe_images, newton, objective, sending, temporal
+from asglight.fitting import light, lobe_images, newton, objective, temporal
 from asglight.fitting.coordinates import Leash
 from asglight.fitting.first_frame import (
     FrameFit,
@@ -25,7 +25,9 @@ from asglight.fitting.first_frame import (
 from asglight.fitting.objective import Corners
 from asglight.fitting.rearranging import rearranged
 from asglight.fitting.resending import Resent, resent
+from asglight.fitting.sending import SENDING, Sending, is_free, lit_where_worth
 from asglight.fitting.tracking import claims, drawn, found_again
+from asglight.fitting.trials import Effort
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import align, parallel_transport
@@ -39,16 +41,25 @@ class Pursuit:
     Attributes:
         coarse: Steps on the grid on which starts compete, a quarter of the cells.
         whole: Steps on the whole map.
-        sends: Whether trials tell where free lobes go (sending.py), and which the frame can spare
-            (resending.py).
+        sending: For free lobes, with steps of the others that stand for the coarse ones.
+        resting: Steps of the others where a lobe that the frame can spare goes dark.
+        anew: Whether a frame is fitted from nothing where rearranging lobes gains too little.
     """
 
     coarse: tuple[Level, ...]
     whole: tuple[Level, ...]
-    sends: bool = True
+    sending: Sending = SENDING
+    resting: tuple[Level, ...] = (Level(2, Corners(0.1, 0.005)),)
+    anew: bool = True
 
 
-LIVE = Pursuit((Level(2, Corners(0.1, 0.005)),), (Level(2, Corners(0.1, 0.005)),), sends=False)
+LIVE = Pursuit(
+    coarse=(Level(2, Corners(0.1, 0.005)),),
+    whole=(Level(2, Corners(0.1, 0.005)),),
+    sending=Sending(before=2, trial=Effort(steps=2, companions=2)),
+    resting=(),
+    anew=False,
+)
 """Coarse steps bring most of the way, for less; more of them than of the whole map's
 lead away from what that asks for."""
 
@@ -115,7 +126,7 @@ def fit_next_frame(
     if float(previous.amplitude.max()) <= 0:
         return fit_first_frame(reference, previous.count, previous.form)
     before = _scaled(previous, 1 / _within_reach(frame.exposure, previous))
-    free = sending.is_free(before, earlier)
+    free = is_free(before, earlier)
     cosine = torch.where(free, -1.0, math.cos(math.radians(LEASH_DEG)))
     leash = Leash(before.axis_z, cosine.to(before.axis_z))
     whole = objective.target(frame.radiance)
@@ -124,13 +135,12 @@ def fit_next_frame(
     outcome, unlike = _started(before, earlier, coarse, leash, width_min)
     competing = replace(coarse, corners=effort.whole[-1].corners)
     if bool(free.any()):
-        if effort.sends:
-            lit = sending.lit_where_worth(outcome, free, competing, leash, width_min)
-        else:
-            lit = sending.sent(outcome.lobes[0], free, whole)
-        outcome = replace(outcome, lobes=lit[None], shown=None)
-    held = temporal.prior(outcome.lobes)
-    outcome = _stepped(outcome, coarse, effort.coarse, held, leash, width_min)
+        lit = lit_where_worth(outcome, free, competing, leash, width_min, effort.sending)
+        outcome = replace(outcome, lobes=lit[None])
+        held = temporal.prior(outcome.lobes)
+    else:
+        held = temporal.prior(outcome.lobes)
+        outcome = _stepped(outcome, coarse, effort.coarse, held, leash, width_min)
     outcome = replace(outcome, shown=None)  # now on the leaves of the whole map
     outcome = _stepped(outcome, whole, effort.whole, held, leash, width_min)
     if float(outcome.value) > SUSPECT_LOSS:
@@ -142,27 +152,32 @@ def fit_next_frame(
         there = _where_light_is(outcome, whole, competing, leash, width_min)
         if there is not None:
             outcome, leash = there
-        starts_anew = there is None and effort.sends
+        starts_anew = there is None and effort.anew
     if changed and starts_anew:
         fresh = _anew(reference, previous)
         if fresh.loss < JUMP_GAIN * loss:
             return fresh
     lit = align(relit(outcome, whole).lobes[0], before)
-    if effort.sends:
-        going = resent(lit, before, competing, width_min)
-        if going is not None:
-            lit = _without(lit, going, whole, leash, width_min)
+    waits = bool((free & temporal.is_dark(lit)).any())  # one is on its way already
+    going = None if waits else resent(lit, before, competing, width_min, effort.sending.trial)
+    if going is not None:
+        lit = _without(lit, going, whole, effort.resting, leash, width_min)
     return with_flux_of(lit, frame, float(outcome.value))
 
 
 def _without(
-    lobes: Lobes, going: Resent, frame: objective.Target, leash: Leash, width_min: float
+    lobes: Lobes,
+    going: Resent,
+    frame: objective.Target,
+    levels: tuple[Level, ...],
+    leash: Leash,
+    width_min: float,
 ) -> Lobes:
     """Return the lobes with one dark and where it goes, the others fitted without it.  [N, .]."""
     rest = torch.tensor([index for index in range(lobes.count) if index != going.index])
     others = lobes.select(rest)[None]
     held = Leash(leash.axis_z[rest], leash.cosine[rest])
-    outcome = _afresh(others, frame, LIVE.whole, held, width_min)
+    outcome = _afresh(others, frame, levels, held, width_min)
     lit = lobes.replaced(rest, relit(outcome, frame).lobes[0])
     return lit.replaced(torch.tensor([going.index]), going.lobe)
 
@@ -207,7 +222,8 @@ def _afresh(
     width_min: float,
 ) -> newton.Outcome:
     """Take the steps of each level from lobes of which some went elsewhere.  [1, N, .]."""
-    start = newton.Outcome(lobes, torch.empty(0), torch.tensor([DAMPING_START]))
+    shown = lobe_images.images(lobes, frame.places)
+    start = newton.Outcome(lobes, torch.empty(0), torch.tensor([DAMPING_START]), shown)
     return _stepped(start, frame, levels, temporal.prior(lobes), leash, width_min)
 
 

@@ -190,6 +190,17 @@ def trial_target(reference: Tensor, corners: Corners = Corners()) -> Target:
     return target(reference, corners, leaves.leaves(reference, TRIAL_ROWS, TRIAL_REFINED))
 
 
+def less(frame: Target, radiance: Tensor) -> Target:
+    """Return what some lobes leave to others: J of the others against it is J of all.
+
+    Args:
+        frame: The maps; sizes and weights stay theirs.
+        radiance: What those lobes show on the leaves.  [F, 3, P]
+    """
+    cells = radiance[:, None, :, : frame.places.count]
+    return replace(frame, radiance=frame.radiance - radiance, parts=frame.parts - cells)
+
+
 def _parts(reference: Tensor, places: Leaves) -> Tensor:
     """Return means over the parts of each cell.  [F, 3, H * 2 H] -> [F, K, 3, C]."""
     finer = places.fine_rows // places.rows

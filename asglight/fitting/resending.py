@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from asglight.fitting import lobe_images, newton, objective, regroup, temporal
+from asglight.fitting import lobe_images, objective, regroup, temporal
+from asglight.fitting.trials import THOROUGH, Effort, compete
 from asglight.lobes import Lobes
-from asglight.lobes.data import stack
 
 WORTH = 0.06
 """J from which it is worth while to look for one: ten real maps and slow skies stay below."""
@@ -23,9 +23,6 @@ go, there nearly always is one; under a sky that changes slowly, seldom; in a ro
 
 TRIALS = 2
 """Splits that compete: of the lobe that most of J lies on, along its axes."""
-
-STEPS = 4
-"""Steps of a trial. It is on a coarse grid, and only has to tell that J will be lower."""
 
 GAIN = 0.1
 """Share of J that a trial must gain: far more than the frame in which the lobe is dark loses."""
@@ -44,7 +41,13 @@ class Resent:
     lobe: Lobes
 
 
-def resent(lobes: Lobes, before: Lobes, frame: objective.Target, width_min: float) -> Resent | None:
+def resent(
+    lobes: Lobes,
+    before: Lobes,
+    frame: objective.Target,
+    width_min: float,
+    effort: Effort = THOROUGH,
+) -> Resent | None:
     """Choose a lobe to send, if that gains enough.
 
     Args:
@@ -52,6 +55,7 @@ def resent(lobes: Lobes, before: Lobes, frame: objective.Target, width_min: floa
         before: The same lobes one frame before.  [N, .]
         frame: The map, on a coarse grid.
         width_min: Sigma of the narrowest lobe allowed, radians.
+        effort: How much is spent on a trial.
     """
     may_go = temporal.is_faint(lobes) & temporal.is_faint(before) & (lobes.amplitude.amax(-1) > 0)
     if not bool(may_go.any()):
@@ -66,11 +70,10 @@ def resent(lobes: Lobes, before: Lobes, frame: objective.Target, width_min: floa
         return None
     splits = regroup.ordered(shown, frame, torch.where(may_go, costs, torch.inf))[:TRIALS]
     trials = [regroup.carried_out(each, lobes, filled, width_min) for each in splits]
-    competing = frame.repeated(1 + len(trials))
-    found = newton.minimise(stack([lobes, *trials]), competing, STEPS, width_min=width_min)
-    best = 1 + int(found.value[1:].argmin())
-    if float(found.value[best]) > (1 - GAIN) * float(found.value[0]):
+    gone = [splits[0].gone, *(each.gone for each in splits)]
+    found, value = compete([lobes, *trials], gone, frame, effort, width_min=width_min)
+    best = 1 + int(value[1:].argmin())
+    if float(value[best]) > (1 - GAIN) * float(value[0]):
         return None
-    gone = splits[best - 1].gone
-    sent = found.lobes[best].select(torch.tensor([gone]))
-    return Resent(gone, replace(sent, amplitude=torch.zeros_like(sent.amplitude)))
+    sent = found[best].select(torch.tensor([gone[best]]))
+    return Resent(gone[best], replace(sent, amplitude=torch.zeros_like(sent.amplitude)))

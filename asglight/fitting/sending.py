@@ -7,7 +7,7 @@ A few steps tell whether a place is worth a free lobe: one that is sent to a poo
 again, and is missed where it is needed a frame later.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -16,8 +16,8 @@ from asglight.fitting import light, lobe_images, newton, objective, regroup, tem
 from asglight.fitting.coordinates import Leash
 from asglight.fitting.leaves import to_cells
 from asglight.fitting.probes import PROBES, directions, probe, split
+from asglight.fitting.trials import THOROUGH, Effort, compete
 from asglight.lobes import Lobes
-from asglight.lobes.data import stack
 from asglight.lobes.frames import axes_around, parallel_transport
 
 LACKING_SHARE = 5e-3
@@ -32,13 +32,28 @@ ROUNDS = 2
 SPLITS = 2
 """Splits that compete with the place that lacks most light: of the lobe that most of J lies on."""
 
-STEPS_BEFORE, STEPS = 4, 4
-"""Steps on few leaves: of the lit lobes before the first trial, and of all in each trial. After two
-before it what lacks light is often only what has not been followed yet."""
 
 GAIN = 0.05
 """Share of J that a trial must gain; with less, lobes go where they are worth little and are
 missed later."""
+
+
+@dataclass(frozen=True)
+class Sending:
+    """How much is spent on free lobes.
+
+    Attributes:
+        before: Steps of the lit lobes on few leaves before the first trial.
+        trial: What each trial takes.
+    """
+
+    before: int
+    trial: Effort
+
+
+SENDING = Sending(4, THOROUGH)
+"""After two steps before the first trial what lacks light is often only what has not been followed
+yet."""
 
 
 def is_free(before: Lobes, earlier: Lobes | None) -> Tensor:
@@ -60,6 +75,7 @@ def lit_where_worth(
     frame: objective.Target,
     leash: Leash,
     width_min: float,
+    effort: Sending = SENDING,
 ) -> Lobes:
     """Light free lobes one by one, each where a few steps gain most.
 
@@ -73,6 +89,7 @@ def lit_where_worth(
         frame: The map on few leaves.
         leash: How far each lobe may go.
         width_min: Sigma of the narrowest lobe allowed, radians.
+        effort: How much is spent.
 
     Returns:
         The lobes after some steps.  [N, .]
@@ -86,7 +103,7 @@ def lit_where_worth(
     stepped = newton.minimise(
         others,
         frame,
-        STEPS_BEFORE,
+        effort.before,
         priors=[temporal.prior(others)],
         damping=start.damping,
         width_min=width_min,
@@ -102,17 +119,18 @@ def lit_where_worth(
         if bool(in_place[index]):
             own = torch.tensor([index])
             trials.append(best.replaced(own, as_started.select(own)))
-        found = newton.minimise(
-            stack(trials),
-            frame.repeated(len(trials)),
-            STEPS,
-            damping=start.damping,
+        found, value = compete(
+            trials,
+            [index] * len(trials),
+            frame,
+            effort.trial,
             width_min=width_min,
             leash=leash,
+            damping=start.damping,
         )
-        if float(found.value[1:].min()) > (1 - GAIN) * float(found.value[0]):
+        if float(value[1:].min()) > (1 - GAIN) * float(value[0]):
             break
-        best = found.best().lobes[0]
+        best = found[int(value.argmin())]
     return best
 
 

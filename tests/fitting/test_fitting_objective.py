@@ -309,3 +309,18 @@ def test_a_lamp_that_is_missing_has_its_part_of_the_loss_near_itself() -> None:
     dense = laid / places.share[0].clamp(min=1e-12)  # a refined cell has no share of its own
     seen = places.share[0] > 0
     assert float(dense[near & seen].mean()) > 5 * float(dense[far & seen].mean())
+
+
+def test_the_loss_of_some_lobes_on_what_others_leave_is_that_of_all() -> None:
+    maps, places, others = _example((64, 16, 5))
+    frame = objective.target(flat(maps), CORNERS, places)
+    some = 0.3 * on_leaves(flat(_maps(64, seed=2)), places)
+    left = objective.less(frame, others)
+    whole = objective.sizes(some + others, frame)
+    rest = objective.sizes(some, left)
+    torch.testing.assert_close(rest.value, whole.value, rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(rest.seen, whole.seen, rtol=1e-4, atol=1e-5)
+    slope, wanted = (
+        objective.misfit(*each).slope for each in ((some, left), (some + others, frame))
+    )
+    torch.testing.assert_close(slope, wanted, rtol=1e-3, atol=1e-6)
