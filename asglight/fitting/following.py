@@ -41,8 +41,9 @@ class Pursuit:
     Attributes:
         coarse: Steps on the grid on which starts compete, a quarter of the cells.
         whole: Steps on the whole map.
-        sending: For free lobes, with steps of the others that stand for the coarse ones.
-        resting: Steps of the others where a lobe that the frame can spare goes dark.
+        sending: What is spent where lobes are free (sending.py). The steps that the others take
+            there stand for the coarse ones.
+        resting: Steps of the others where a lobe that the frame can spare goes dark (resending.py).
         anew: Whether a frame is fitted from nothing where rearranging lobes gains too little.
     """
 
@@ -134,13 +135,12 @@ def fit_next_frame(
     width_min = narrowest(frame.height)
     outcome, unlike = _started(before, earlier, coarse, leash, width_min)
     competing = replace(coarse, corners=effort.whole[-1].corners)
+    levels = effort.coarse
     if bool(free.any()):
         lit = lit_where_worth(outcome, free, competing, leash, width_min, effort.sending)
-        outcome = replace(outcome, lobes=lit[None])
-        held = temporal.prior(outcome.lobes)
-    else:
-        held = temporal.prior(outcome.lobes)
-        outcome = _stepped(outcome, coarse, effort.coarse, held, leash, width_min)
+        outcome, levels = replace(outcome, lobes=lit[None]), ()
+    held = temporal.prior(outcome.lobes)
+    outcome = _stepped(outcome, coarse, levels, held, leash, width_min)
     outcome = replace(outcome, shown=None)  # now on the leaves of the whole map
     outcome = _stepped(outcome, whole, effort.whole, held, leash, width_min)
     if float(outcome.value) > SUSPECT_LOSS:

@@ -32,7 +32,6 @@ ROUNDS = 2
 SPLITS = 2
 """Splits that compete with the place that lacks most light: of the lobe that most of J lies on."""
 
-
 GAIN = 0.05
 """Share of J that a trial must gain; with less, lobes go where they are worth little and are
 missed later."""

@@ -40,8 +40,7 @@ def test_the_loss_of_a_trial_is_that_of_all_lobes(companions: int) -> None:
 
 def test_only_companions_move() -> None:
     found, _ = _competed(1)
-    # in all trials together most light of the lobe in question lies on lamps A and B
-    assert [bool((found.axes[1, i] != ON_C.axes[i]).any()) for i in (0, 2)].count(True) <= 1
+    # the broad lobe below has the least light where the one in question is tried
     assert torch.equal(found.axes[:, 2], stack([AS_IT_IS, ON_C, ON_A]).axes[:, 2])
     assert torch.equal(found.amplitude[:, 2], stack([AS_IT_IS, ON_C, ON_A]).amplitude[:, 2])
     assert bool((found.axes[1, 3] != ON_C.axes[3]).any())
