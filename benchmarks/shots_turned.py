@@ -4,10 +4,10 @@
     python benchmarks/shots_turned.py ../shared/sequences/tunnel
 
 Where lamps rush past, a hair decides which lobe goes to which lamp, so one sequence decides little.
-It is followed six times: as it is and turned by a third, forward, backward and mirrored; with
---turns 8 as it is and turned by one to seven ninths, 24 ways. Errors are
-those of asglight.fitting.measures, within 1 % of the judge's. Worst is the largest r0.5 of any
-frame, of the luckiest and the unluckiest of the six; flicker is taken of what r0.5 shows.
+It is followed six ways: as it is and turned by a third, forward, backward and mirrored; with
+--turns 8 as it is and turned by one to seven ninths, 24 ways. Errors are those of
+asglight.fitting.measures, within 1 % of the judge's. Worst is the largest r0.5 of any frame, in the
+luckiest and the unluckiest way; flicker is taken of what r0.5 shows.
 """
 
 import argparse
@@ -56,6 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--frames", type=int, metavar="N", help="the first N of it (all)")
     parser.add_argument("--turns", type=int, default=2, metavar="N", help="orientations (2)")
     options = parser.parse_args(argv)
+    if options.turns < 1:
+        parser.error(f"--turns {options.turns}; expected one or more")
     sequence = open_sequence(options.sequence)
     maps = [sequence.read(frame).radiance for frame in sequence.frames[: options.frames]]
     if len(maps) < 2:
@@ -70,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def ways(maps: list[Tensor], turns: int = 2) -> list[list[Tensor]]:
+def ways(maps: list[Tensor], turns: int) -> list[list[Tensor]]:
     """Return a sequence forward, backward and mirrored, each as it is and turned.
 
     Args:

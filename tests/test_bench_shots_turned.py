@@ -76,3 +76,6 @@ def test_a_sequence_is_read_and_followed(
     with pytest.raises(SystemExit):
         shots_turned.main([str(tmp_path), "--frames", "1"])
     assert "1 frame; expected two or more to follow" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        shots_turned.main([str(tmp_path), "--turns", "0"])
+    assert "--turns 0; expected one or more" in capsys.readouterr().err

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from asglight.fitting import lobe_images, objective, regroup, temporal
-from asglight.fitting.trials import THOROUGH, Effort, compete
+from asglight.fitting.trials import Effort, compete
 from asglight.lobes import Lobes
 
 WORTH = 0.06
@@ -46,7 +46,7 @@ def resent(
     before: Lobes,
     frame: objective.Target,
     width_min: float,
-    effort: Effort = THOROUGH,
+    effort: Effort,
 ) -> Resent | None:
     """Choose a lobe to send, if that gains enough.
 

@@ -74,7 +74,7 @@ def lit_where_worth(
     frame: objective.Target,
     leash: Leash,
     width_min: float,
-    effort: Sending = SENDING,
+    effort: Sending,
 ) -> Lobes:
     """Light free lobes one by one, each where a few steps gain most.
 

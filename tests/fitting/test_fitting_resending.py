@@ -12,6 +12,7 @@ from asglight.fitting import newton, objective, resending
 from asglight.fitting.leaves import leaves
 from asglight.fitting.options import FitOptions
 from asglight.fitting.temporal import waiting
+from asglight.fitting.trials import THOROUGH
 from asglight.judging.following import jumps
 from asglight.lobes import Lobes, asg, texels
 from asglight.lobes.data import stack
@@ -53,7 +54,7 @@ def test_a_drowned_lobe_is_sent_to_the_panel_that_one_lobe_stands_for() -> None:
     maps = _panel(90.0, (25.0, 5.0), 50.0) + 0.001
     frame = _target(maps)
     fitted = _started(frame, lamps([(1, 0, 0), FAINT], [8.0, 3.0], [20.0, 0.002]))
-    going = resending.resent(fitted, fitted, frame, 0.0)
+    going = resending.resent(fitted, fitted, frame, 0.0, THOROUGH)
     assert going is not None
     assert going.index == 1
     assert float(going.lobe.amplitude.max()) == 0
@@ -65,21 +66,21 @@ def test_a_lobe_that_is_seen_stays() -> None:
     frame = _target(maps)
     fitted = _started(frame, lamps([(1, 0, 0), (-1, 0, 0)], [8.0, 80.0], [20.0, 20.0]))
     assert float(asg.flux(fitted).sum(-1).amin()) > 0.01 * float(asg.flux(fitted).sum())
-    assert resending.resent(fitted, fitted, frame, 0.0) is None
+    assert resending.resent(fitted, fitted, frame, 0.0, THOROUGH) is None
 
 
 def test_a_lobe_that_was_seen_a_frame_ago_stays() -> None:
     frame = _target(_panel(90.0, (25.0, 5.0), 50.0) + 0.001)
     fitted = _started(frame, lamps([(1, 0, 0), FAINT], [8.0, 3.0], [20.0, 0.002]))
     before = lamps([(1, 0, 0), FAINT], [8.0, 3.0], [20.0, 10.0])
-    assert resending.resent(fitted, before, frame, 0.0) is None
+    assert resending.resent(fitted, before, frame, 0.0, THOROUGH) is None
 
 
 def test_nothing_goes_where_the_fit_is_good() -> None:
     truth = lamps([LAMP, FAINT], [80.0, 40.0], [20.0, 0.02])
     frame = _target(texels.texel_means(truth, HEIGHT, 2 * HEIGHT))
     fitted = _started(frame, lamps([LAMP, FAINT], [60.0, 40.0], [20.0, 0.02]))
-    assert resending.resent(fitted, fitted, frame, 0.0) is None
+    assert resending.resent(fitted, fitted, frame, 0.0, THOROUGH) is None
 
 
 @pytest.mark.parametrize("lobes", [5, 8])

@@ -37,7 +37,8 @@ def _leash(lobes: Lobes, free: Tensor) -> Leash:
 
 def _lit(lobes: Lobes, free: list[bool], frame: objective.Target) -> Lobes:
     marked = torch.tensor(free)
-    return sending.lit_where_worth(_started(lobes), marked, frame, _leash(lobes, marked), 0.0)
+    start, leash = _started(lobes), _leash(lobes, marked)
+    return sending.lit_where_worth(start, marked, frame, leash, 0.0, sending.SENDING)
 
 
 def _value(lobes: Lobes, frame: objective.Target) -> float:
