@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from asglight.fitting import constants
 from asglight.fitting.coordinates import BROAD
 from asglight.fitting.footprints import turn_speed
 from asglight.lobes import Lobes, flat
@@ -32,7 +33,7 @@ class Rates(NamedTuple):
 
 def rates(lobes: Lobes) -> Rates:
     """Return the rates of the terms of lobes of the form flat.  [F, N, .]."""
-    multiple = lobes.sharpness.new_tensor([multiple for multiple, _ in flat.TERMS])[:, None]
+    multiple = constants.like(lobes.sharpness, *[each for each, _ in flat.TERMS])[:, None]
     own = lobes.sharpness[..., None, :, :]
     widths = multiple[..., None] * (own + BROAD) / (multiple[..., None] * own + BROAD)
     moved = turn_speed(flat.terms(lobes)).unflatten(-1, (len(flat.TERMS), -1))
@@ -67,7 +68,7 @@ def columns_of_lobes(found: Tensor, lobes: Lobes) -> Tensor:
         Each lobe of amplitude 1 and its derivatives.  [F, 6 N, P]
     """
     own = found.unflatten(1, (len(flat.TERMS), lobes.count, -1))
-    weight = found.new_tensor([weight for _, weight in flat.TERMS])[:, None, None, None]
+    weight = constants.like(found, *[each for _, each in flat.TERMS])[:, None, None, None]
     return (_along_lobes(own, lobes) * weight).sum(1).flatten(1, 2)
 
 

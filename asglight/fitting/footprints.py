@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from asglight.fitting import constants
 from asglight.fitting.coordinates import BROAD, is_round
 from asglight.lobes import Form, Lobes, flat
 
@@ -42,7 +43,7 @@ def seen_moments(lobes: Lobes, rows: Sequence[int]) -> tuple[Tensor, Tensor, Ten
         T and the inverse, in each lobe's frame [L, F, N, 2, 2], and the determinant [L, F, N].
     """
     sides = [(math.pi / count) ** 2 / 12 for count in rows]
-    side = lobes.sharpness.new_tensor(sides)[:, None, None]
+    side = constants.like(lobes.sharpness, *sides)[:, None, None]
     axis_z, axes = lobes.axis_z, lobes.axes[..., :2, :]
     sin2 = axis_z[..., 1].square()
     cos2 = torch.maximum(1 - sin2, 3 * side)  # within a texel of a pole width has no direction
@@ -130,7 +131,7 @@ def _sg_derivatives(lobes: Lobes, moment: Tensor, inverse: Tensor) -> Tensor:
 
 def _one(like: Tensor) -> Tensor:
     """Return 1 as a polynomial of degree 2: x^2 + y^2 + z^2, in the order of POWERS.  [6]."""
-    return like.new_tensor([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+    return constants.like(like, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
 
 
 def _monomials(matrix: Tensor) -> Tensor:
