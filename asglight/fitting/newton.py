@@ -9,7 +9,7 @@ J and its gradient are taken over every leaf. H only shapes the step: its cells 
 but for the refined ones.
 
 Frames do not see each other. On a GPU no step waits for the processor: what a frame whose step
-failed keeps is chosen there.
+failed keeps is chosen there, and all that a step does is started at once (captured.py).
 """
 
 from collections.abc import Callable, Sequence
@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import lobe_images, objective, temporal
+from asglight.fitting.captured import Replays
 from asglight.fitting.coordinates import UNKNOWNS, Leash, advance
 from asglight.fitting.footprints import Footprint, footprint
 from asglight.fitting.grid import cell_sums, coarser, grid
@@ -72,6 +73,23 @@ class _State:
     value: Tensor
 
 
+@dataclass(frozen=True)
+class _Setting:
+    """What the steps of one call have in common; see `minimise`."""
+
+    frame: objective.Target
+    priors: tuple[temporal.Prior, ...]
+    width_min: float
+    leash: Leash | None
+
+
+_Progress = tuple[_State, Tensor]
+"""Where a step starts, and its damping [F]."""
+
+REPLAYS = Replays()
+"""The steps on GPUs."""
+
+
 def minimise(
     lobes: Lobes,
     frame: objective.Target,
@@ -99,33 +117,66 @@ def minimise(
         on_step: Called with the lobes after each step.
         shown: The lobes on the frame's leaves, where they are known.
     """
-    state = _judged(shown or lobe_images.images(lobes, frame.places), frame, priors)
+    given = _Setting(frame, tuple(priors), width_min, leash)
+    state = _judged(shown or lobe_images.images(lobes, frame.places), frame, given.priors)
     damping = torch.as_tensor(damping, dtype=torch.float64, device=lobes.axes.device)
     damping = damping.expand(len(state.value))
-    gradient: Tensor | None = None
-    hessian = torch.empty(0)
+    if lobes.axes.is_cuda:
+        state, damping = _on_device(state, damping, given, steps, on_step)
+        return Outcome(state.shown.lobes, state.value, damping, state.shown)
+    equations: tuple[Tensor, Tensor] | None = None
     for _ in range(steps):
-        if gradient is None:
-            hessian, gradient = _equations(state, frame, priors)
-        step = _solve(hessian, gradient, state.shown.lobes, damping)
-        ahead = advance(state.shown.lobes, step, width_min, leash)
-        tried = _judged(lobe_images.images(ahead, frame.places), frame, priors)
+        equations = equations or _equations(state, given)
+        tried = _tried(state, equations, damping, given)
         better = tried.value < state.value
         finished = better & (state.value - tried.value < tolerance * state.value)
-        damping = torch.where(
-            better,
-            (DAMPING_DOWN * damping).clamp(min=DAMPING_MIN),
-            (DAMPING_UP * damping).clamp(max=DAMPING_MAX),
-        )
-        waits = lobes.axes.is_cuda  # then every decision stays on the device
-        if waits or bool(better.any()):
-            state = tried if not waits and bool(better.all()) else _chosen(better, tried, state)
-            gradient = None
+        damping = _next_damping(damping, better)
+        if bool(better.any()):
+            state = tried if bool(better.all()) else _chosen(better, tried, state)
+            equations = None
         if on_step is not None:
             on_step(state.shown.lobes)
-        if not waits and bool((finished | (damping >= DAMPING_MAX)).all()):
+        if bool((finished | (damping >= DAMPING_MAX)).all()):
             break
     return Outcome(state.shown.lobes, state.value, damping, state.shown)
+
+
+def _on_device(
+    state: _State, damping: Tensor, given: _Setting, steps: int, on_step: OnStep | None
+) -> _Progress:
+    """Take all steps on a GPU, which would have to be waited for to know that one is the last."""
+
+    def report(progress: _Progress) -> None:
+        if on_step is not None:
+            on_step(progress[0].shown.lobes.clone())
+
+    return REPLAYS.run(_step, (state, damping), given, steps, on_step and report)
+
+
+def _step(progress: _Progress, given: _Setting) -> _Progress:
+    """Take a step in each frame where it lowers J, without asking what was found."""
+    state, damping = progress
+    tried = _tried(state, _equations(state, given), damping, given)
+    better = tried.value < state.value
+    return _chosen(better, tried, state), _next_damping(damping, better)
+
+
+def _tried(
+    state: _State, equations: tuple[Tensor, Tensor], damping: Tensor, given: _Setting
+) -> _State:
+    lobes = state.shown.lobes
+    step = _solve(*equations, lobes, damping)
+    ahead = advance(lobes, step, given.width_min, given.leash)
+    frame = given.frame
+    return _judged(lobe_images.images(ahead, frame.places), frame, given.priors)
+
+
+def _next_damping(damping: Tensor, better: Tensor) -> Tensor:
+    return torch.where(
+        better,
+        (DAMPING_DOWN * damping).clamp(min=DAMPING_MIN),
+        (DAMPING_UP * damping).clamp(max=DAMPING_MAX),
+    )
 
 
 def _judged(shown: Images, frame: objective.Target, priors: Sequence[temporal.Prior]) -> _State:
@@ -154,12 +205,10 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
     return _State(shown, found, of(tried.value, before.value))
 
 
-def _equations(
-    state: _State, frame: objective.Target, priors: Sequence[temporal.Prior]
-) -> tuple[Tensor, Tensor]:
-    found = objective.misfit(state.shown.radiance, frame, state.sizes)
-    hessian, gradient = normal_equations(state.shown, found, frame)
-    for prior in priors:
+def _equations(state: _State, given: _Setting) -> tuple[Tensor, Tensor]:
+    found = objective.misfit(state.shown.radiance, given.frame, state.sizes)
+    hessian, gradient = normal_equations(state.shown, found, given.frame)
+    for prior in given.priors:
         curvature, slope = temporal.slopes(state.shown.lobes, prior)
         torch.diagonal(hessian, dim1=-2, dim2=-1).add_(curvature)
         gradient = gradient + slope

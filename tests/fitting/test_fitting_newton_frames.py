@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps on frames side by side, on the host and on a device; what passes from step to step."""
 
-from dataclasses import replace
-
 import pytest
 import torch
 from lobe_cases import DOUBLE, KNOWN, alike, flat, noise, target
+from tape import Tape, on_device
 from torch import Tensor
 
 from asglight.fitting import lobe_images, newton, objective, temporal
+from asglight.fitting.captured import Replays
 from asglight.lobes import Form, Lobes, texels
 
 
@@ -50,17 +50,13 @@ def test_a_frame_whose_step_fails_keeps_its_lobes_while_the_other_is_taken() -> 
     assert found.damping.tolist() == pytest.approx([5e-6, newton.DAMPING_MIN])
 
 
-class _OnDevice(Tensor):
-    """A tensor that says it is on a GPU; what is computed from it is a plain one."""
-
-    is_cuda = True  # type: ignore[assignment]
-    __torch_function__ = torch._C._disabled_torch_function_impl  # type: ignore[assignment]
-
-
-def test_steps_decided_on_the_device_are_those_decided_on_the_host() -> None:
+def test_steps_decided_on_the_device_are_those_decided_on_the_host(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(newton, "REPLAYS", Replays(Tape))
     lobes, frame = _pair()
     damping = torch.full((2,), 1e-6, dtype=DOUBLE)
-    there = replace(lobes, axes=lobes.axes.as_subclass(_OnDevice))
+    there = on_device(lobes)
     assert there.axes.is_cuda
     for steps in (1, 2, 6):
         host = newton.minimise(lobes, frame, steps, damping=damping, tolerance=0.0)
