@@ -7,7 +7,17 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import flat_tops, leaves, light, lobe_images, newton, objective, seeding
+from asglight.fitting import (
+    balance,
+    flat_tops,
+    leaves,
+    light,
+    lobe_images,
+    newton,
+    objective,
+    seeding,
+    starts,
+)
 from asglight.fitting.grid import grid
 from asglight.fitting.objective import Corners
 from asglight.fitting.regroup import regroup
@@ -37,14 +47,15 @@ class Effort:
     """How much is spent on a first frame.
 
     Attributes:
-        spreads_deg: `seeding.split`'s spread of each start.
+        spreads_deg: `seeding.split`'s spread of each start; one, but for `several`.
         levels: What is done with each, one level after the other.
-        fine: Whether each takes its last steps on more leaves, on which starts are then chosen.
+        several: Whether each takes its last steps on more leaves, on which starts are then chosen
+            and balanced (starts.py).
     """
 
     spreads_deg: tuple[float, ...]
     levels: tuple[Level, ...]
-    fine: bool = False
+    several: bool = False
 
 
 LAST = Level(15, Corners(0.1, 0.002))
@@ -75,7 +86,8 @@ def soft_to_sharp(rounds: int) -> tuple[Level, ...]:
 
 FAST = Effort((math.inf,), soft_to_sharp(rounds=2))
 
-BEST = Effort((math.inf, 30.0, 4.0), soft_to_sharp(rounds=30), fine=True)
+
+BEST = Effort((math.inf, 30.0, 4.0), soft_to_sharp(rounds=30), several=True)
 """Rounds in which every split can be tried; over ten maps J still falls by 2 % after 12 of them,
 in one fit by a fifth."""
 
@@ -166,66 +178,38 @@ def fit_first_frame(
         return FrameFit(dark_lobes(count, first, reference), 0.0, 0.0)
     cells = seeding.cells(reference / frame.exposure)
     whole, coarse = objective.target(frame.radiance), objective.trial_target(frame.radiance)
-    fine = on_fine_leaves(frame) if effort.fine else None
+    last = on_fine_leaves(frame) if effort.several else whole
     width_min = narrowest(frame.height)
+
+    def finish(seed: Lobes, weights: Tensor | None, report: newton.OnStep | None) -> newton.Outcome:
+        """Follow a start to its end (`starts.Finish`)."""
+        first, few, fine = whole, coarse, last
+        if weights is not None:
+            first, few, fine = (balance.weighed(each, weights) for each in (whole, coarse, last))
+        found = descend(seed[None], first, few, effort.levels, width_min, report)
+        if not effort.several:
+            return found
+        return newton.minimise(found.lobes, fine, LAST.steps, width_min=width_min, on_step=report)
 
     def fitted(form: Form) -> newton.Outcome:
         """Return the end of the best start."""
         seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
-        return best_end(seeds, whole, coarse, effort.levels, width_min, on_step, fine)
+        if not effort.several:
+            return finish(seeds[0], None, on_step)
+        aim = balance.aims(seeding.even_mixture(cells, count), last)
+        return starts.best_end(seeds, finish, last, aim, width_min, on_step)
 
     found = fitted(first)
     if form is None and flat_tops.promises(found.lobes, whole, width_min):
         flat = fitted(Form.FLAT)
         found = flat if flat_tops.gains(flat, found) else found
-    return with_flux_of(relit(found, fine or whole).lobes[0], frame, float(found.value))
-
-
-def best_end(
-    seeds: list[Lobes],
-    frame: objective.Target,
-    coarse: objective.Target,
-    levels: tuple[Level, ...],
-    width_min: float,
-    on_step: newton.OnStep | None = None,
-    fine: objective.Target | None = None,
-) -> newton.Outcome:
-    """Follow each start to its end, and return the end that is lit best.
-
-    Args:
-        seeds: Starts, one or more.  [N, .] each
-        frame: The map.
-        coarse: The same on few leaves.
-        levels: What is done with each.
-        width_min: Sigma of the narrowest lobe allowed, radians.
-        on_step: As in `fit_first_frame`.
-        fine: The map on the leaves of the last steps, for an effort that takes them.
-    """
-    last = fine or frame
-
-    def end(seed: Lobes, report: newton.OnStep | None) -> newton.Outcome:
-        """Return the end of a start."""
-        found = descend(seed[None], frame, coarse, levels, width_min, report)
-        if fine is None:
-            return found
-        return newton.minimise(found.lobes, fine, LAST.steps, width_min=width_min, on_step=report)
-
-    best = end(seeds[0], on_step)
-    for seed in seeds[1:]:
-        found = end(seed, None if on_step is None else _still(on_step, best.lobes))
-        best = min(best, found, key=lambda outcome: lit_wrong(outcome, last))
-    return best
+    return with_flux_of(relit(found, last).lobes[0], frame, float(found.value))
 
 
 def on_fine_leaves(frame: Exposed) -> objective.Target:
     """Return a map on the leaves of the last steps, under the last corners."""
     places = leaves.leaves(frame.radiance, FINE_ROWS, FINE_REFINED)
     return objective.target(frame.radiance, LAST.corners, places)
-
-
-def _still(on_step: newton.OnStep, best: Lobes) -> newton.OnStep:
-    """Return a report of the same lobes, whatever step is taken."""
-    return lambda _: on_step(best)
 
 
 def relit(found: newton.Outcome, frame: objective.Target) -> lobe_images.Images:
@@ -237,20 +221,6 @@ def relit(found: newton.Outcome, frame: objective.Target) -> lobe_images.Images:
     """
     assert found.shown is not None  # of lobes that took steps
     return light.last(found.shown, frame)
-
-
-def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
-    """Return J's part of what materials show wrong in the end, by which starts are chosen.
-
-    All starts were asked for the map as well, and some end with more of it at the cost of light.
-
-    Args:
-        found: The end of a start.  F = 1.
-        frame: The map.
-    """
-    sharp = replace(frame, corners=light.CORNERS)
-    seen = objective.sizes(relit(found, frame).radiance, sharp).seen
-    return float(objective.of_materials(seen, sharp))
 
 
 def descend(

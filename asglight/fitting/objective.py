@@ -15,6 +15,7 @@ The map's error is taken on leaves (leaves.py): a cell's is the mean over the pa
 for lobes are smooth at its scale but the map is not.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -79,6 +80,7 @@ class Target:
         probe_scale: mean |K_k ref| of each probe.  [F, K']
         view_weight: Weight of each view in J: w_k and its share of the sphere over that.  [F, D]
         corners: phi's corners.
+        env_weight: w_env.
     """
 
     places: Leaves
@@ -88,6 +90,7 @@ class Target:
     probe_scale: Tensor
     view_weight: Tensor
     corners: Corners
+    env_weight: float = ENV_WEIGHT
 
     @property
     def env_corner(self) -> Tensor:
@@ -100,6 +103,18 @@ class Target:
         device = str(self.probe_scale.device)
         corners = _probe_corners(self.corners.probe, device) * self.probe_scale
         return of_views(corners, self.places.rows)
+
+    def weighed(self, env: float, probes: Sequence[float]) -> "Target":
+        """Return the frames with every weight of J times a factor.
+
+        Args:
+            env: Of w_env.
+            probes: Of the w_k, one for each of `PROBES`.
+        """
+        factor = of_views(self.view_weight.new_tensor([*probes])[None], self.places.rows)
+        return replace(
+            self, env_weight=env * self.env_weight, view_weight=factor * self.view_weight
+        )
 
     def repeated(self, count: int) -> "Target":
         """Return one frame as many, for lobes that compete for it.  F = 1 -> F = count."""
@@ -227,7 +242,7 @@ def sizes(radiance: Tensor, frame: Target) -> Sizes:
         error = error + (places.texel_share * texels).sum(-1)
     views = probe(leaves.to_cells(residual, places), places.rows)
     seen = phi(views, frame.view_corner)
-    total = ENV_WEIGHT * (error / frame.env_scale - frame.corners.env)
+    total = frame.env_weight * (error / frame.env_scale - frame.corners.env)
     return Sizes(total + of_materials(seen, frame), parts, texels, views, seen)
 
 
@@ -254,7 +269,7 @@ def misfit(radiance: Tensor, frame: Target, found: Sizes | None = None) -> Misfi
     """
     found = found or sizes(radiance, frame)
     places, cells = frame.places, frame.places.count
-    share = places.share * (ENV_WEIGHT / frame.env_scale)[:, None]
+    share = places.share * (frame.env_weight / frame.env_scale)[:, None]
     part = radiance[:, None, :, :cells] - frame.parts
     weight = share[:, None, :cells] / (found.parts.shape[1] * found.parts)
     slope, env_weight = (part * weight[:, :, None]).sum(1), weight.sum(1)
@@ -289,7 +304,7 @@ def placed(radiance: Tensor, frame: Target) -> Tensor:
     corner = frame.env_corner[:, None]
     residual = radiance - frame.radiance
     error = frame.places.share * (phi(residual, corner) - corner)
-    total = error * (ENV_WEIGHT / frame.env_scale)[:, None]
+    total = error * (frame.env_weight / frame.env_scale)[:, None]
     views = probe(leaves.to_cells(residual, frame.places), frame.places.rows)
     corner = frame.view_corner
     lying = frame.view_weight * (phi(views, corner) - corner)

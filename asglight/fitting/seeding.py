@@ -24,6 +24,7 @@ from torch import Tensor
 from asglight.lobes import Form, Lobes, asg, flat
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
+from asglight.sphere.quadrature import fibonacci_directions
 
 CELL_ROWS = (32, 64, 128)
 """Rows of the grids of blocks, where the map has them: the widest is 5.6 degrees, what GGX 0.25
@@ -261,3 +262,18 @@ def seed_lobes(source: Cells, count: int, form: Form, spread_deg: float) -> Lobe
     if form is Form.FLAT:  # so measured; no other start was tried
         return flat.as_flat(seed_lobes(source, count, Form.ASG, spread_deg))
     return expectation_maximisation(source, split(source, count, spread_deg), count, form)
+
+
+def even_mixture(source: Cells, count: int) -> Lobes:
+    """Return isotropic lobes after the EM steps from even directions: what a fit is held against.
+
+    Args:
+        source: The map.
+        count: N.
+
+    Returns:
+        The lobes, in units of the map.  [N, .]
+    """
+    even = fibonacci_directions(count).to(source.mean)
+    labels = (source.mean @ even.mT).argmax(-1)
+    return expectation_maximisation(source, labels, count, Form.SG)

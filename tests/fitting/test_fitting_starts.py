@@ -10,7 +10,16 @@ import torch
 from lobe_cases import sky_and_sun
 from torch import Tensor
 
-from asglight.fitting import first_frame, light, lobe_images, newton, objective, seeding
+from asglight.fitting import (
+    balance,
+    first_frame,
+    light,
+    lobe_images,
+    newton,
+    objective,
+    seeding,
+    starts,
+)
 from asglight.fitting.first_frame import Level
 from asglight.fitting.leaves import Leaves
 from asglight.fitting.objective import Corners
@@ -28,31 +37,66 @@ def _starts() -> tuple[list[Lobes], objective.Target, float]:
     return seeds, objective.target(frame.radiance), first_frame.narrowest(32)
 
 
-def test_the_end_that_is_lit_best_is_taken() -> None:
+def _finish(frame: objective.Target, width_min: float) -> starts.Finish:
+    def finish(seed: Lobes, weights: Tensor | None, report: newton.OnStep | None) -> newton.Outcome:
+        own = frame if weights is None else balance.weighed(frame, weights)
+        return first_frame.descend(seed[None], own, own, LEVELS, width_min, report)
+
+    return finish
+
+
+AHEAD = torch.full((5,), 1e6)
+"""Aims that no error misses."""
+
+
+def test_of_ends_that_do_not_lag_behind_the_one_that_is_lit_best_is_taken() -> None:
     seeds, frame, width_min = _starts()
-    ends = [first_frame.descend(seed[None], frame, frame, LEVELS, width_min) for seed in seeds]
-    wrong = [first_frame.lit_wrong(end, frame) for end in ends]
+    finish = _finish(frame, width_min)
+    ends = [finish(seed, None, None) for seed in seeds]
+    wrong = [starts.lit_wrong(end, frame) for end in ends]
     assert len(set(wrong)) > 1
-    found = first_frame.best_end(seeds, frame, frame, LEVELS, width_min)
+    found = starts.best_end(seeds, finish, frame, AHEAD, width_min)
     assert torch.equal(found.lobes.amplitude, ends[wrong.index(min(wrong))].lobes.amplitude)
 
 
-def test_starts_are_chosen_after_last_steps_on_finer_leaves() -> None:
+def test_an_end_whose_light_lags_behind_less_comes_before_one_that_is_lit_better() -> None:
     seeds, frame, width_min = _starts()
-    fine = first_frame.on_fine_leaves(first_frame.exposed(sky_and_sun(30.0, 256)))
-    assert fine.places.share.shape[-1] > 4 * frame.places.share.shape[-1]
-    ends = [
-        newton.minimise(
-            first_frame.descend(seed[None], frame, frame, LEVELS, width_min).lobes,
-            fine,
-            first_frame.LAST.steps,
-            width_min=width_min,
-        )
-        for seed in seeds
-    ]
-    wrong = [first_frame.lit_wrong(end, fine) for end in ends]
-    found = first_frame.best_end(seeds, frame, frame, LEVELS, width_min, fine=fine)
-    assert torch.equal(found.lobes.amplitude, ends[wrong.index(min(wrong))].lobes.amplitude)
+    found = _finish(frame, width_min)(seeds[0], None, None)
+    near = starts.End(seeds[0], found, torch.tensor([1.5, 0.2, 0.2, 0.9, 0.5]), 2.0)
+    far = starts.End(seeds[0], found, torch.tensor([0.5, 0.2, 0.2, 1.1, 0.5]), 1.0)
+    assert min(near, far, key=lambda each: each.order) is near  # the map's error can be mended
+    assert min(near, far, key=lambda each: each.settled_order) is far
+
+
+def test_the_starts_that_came_nearest_go_once_more_with_what_lags_behind_raised() -> None:
+    seeds, frame, width_min = _starts()
+    asked: list[tuple[Lobes, Tensor | None]] = []
+    usual = _finish(frame, width_min)
+
+    def finish(seed: Lobes, weights: Tensor | None, report: newton.OnStep | None) -> newton.Outcome:
+        asked.append((seed, weights))
+        return usual(seed, weights, report)
+
+    beyond = torch.tensor([1e6, 1e6, 1e6, 1e-9, 1e6])  # an r0.5 that none comes to
+    found = starts.best_end(seeds, finish, frame, beyond, width_min)
+    again = asked[len(seeds) :]
+    assert len(again) == min(starts.AGAIN, len(seeds))
+    expected = torch.tensor([1.0, 1.0, 1.0, balance.FACTOR_MAX, 1.0])
+    assert all(torch.equal(weights, expected) for _, weights in again if weights is not None)
+    ends = [usual(seed, None, None) for seed in seeds]
+    wrong = [float(balance.lags(end, frame, beyond)[3]) for end in ends]
+    assert again[0][0] is seeds[wrong.index(min(wrong))]
+    assert float(balance.lags(found, frame, beyond)[3]) < min(wrong)
+
+
+def test_best_ends_on_finer_leaves_and_fast_does_not() -> None:
+    frame = first_frame.exposed(sky_and_sun(30.0, 256))
+    fine = first_frame.on_fine_leaves(frame)
+    usual = objective.target(frame.radiance)
+    assert fine.places.share.shape[-1] > 3 * usual.places.share.shape[-1]
+    assert first_frame.BEST.several
+    assert not first_frame.FAST.several
+    assert len(first_frame.FAST.spreads_deg) == 1
 
 
 def test_finer_leaves_see_the_light_of_a_streak_better() -> None:
@@ -84,14 +128,15 @@ def test_an_end_is_judged_with_its_light_solved_as_it_will_be() -> None:
     seen = objective.sizes(brighter.shown.radiance, sharp).seen
     # of the thirty percent too much hardly any is left, wherever the solution starts
     unsolved = float(objective.of_materials(seen, sharp))
-    wrong = [first_frame.lit_wrong(each, frame) for each in (end, brighter)]
+    wrong = [starts.lit_wrong(each, frame) for each in (end, brighter)]
     assert abs(wrong[1] - wrong[0]) < 0.05 * (unsolved - wrong[0])
 
 
 def test_later_starts_report_the_best_end_so_far() -> None:
     seeds, frame, width_min = _starts()
     seen: list[Lobes] = []
-    first_frame.best_end(seeds[:2], frame, frame, LEVELS, width_min, seen.append)
+    finish = _finish(frame, width_min)
+    starts.best_end(seeds[:2], finish, frame, AHEAD, width_min, seen.append)
     alone: list[Lobes] = []
     end = first_frame.descend(seeds[0][None], frame, frame, LEVELS, width_min, alone.append)
     assert len(seen) > len(alone)

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several starts of a first frame: which end is taken, and which start goes once more.
+
+An end in which no error lags behind comes before one in which any does, and else the one that is
+lit best: starts were asked for the map as well, and some end with more of it at the cost of light.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from torch import Tensor
+
+from asglight.fitting import balance, light, newton, objective
+from asglight.lobes import Lobes
+
+AGAIN = 3
+"""Starts that go once more, the nearest first, where what materials show lags behind."""
+
+Finish = Callable[[Lobes, Tensor | None, newton.OnStep | None], newton.Outcome]
+"""Follows a start [N, .] to its end; with factors of J's weights [5], if they are given. The end is
+on the leaves on which ends are compared."""
+
+
+@dataclass(frozen=True)
+class End:
+    """Where a start came to.
+
+    Attributes:
+        seed: The start.  [N, .]
+        found: The end.  F = 1
+        lag: Its errors over what they are to come to.  [5]
+        lit_wrong: J's part of what materials show wrong.
+    """
+
+    seed: Lobes
+    found: newton.Outcome
+    lag: Tensor
+    lit_wrong: float
+
+    @property
+    def behind(self) -> float:
+        """How far what materials show lags behind at most; 1 where nothing of it does."""
+        return max(1.0, float(self.lag[1:].max()))
+
+    @property
+    def order(self) -> tuple[float, float]:
+        """The less the better, for ends of which the map's error can still be mended."""
+        return self.behind, self.lit_wrong
+
+    @property
+    def settled_order(self) -> tuple[float, float]:
+        """The less the better, for ends of which it was."""
+        return max(self.behind, float(self.lag[0])), self.lit_wrong
+
+
+def best_end(
+    seeds: list[Lobes],
+    finish: Finish,
+    frame: objective.Target,
+    aim: Tensor,
+    width_min: float,
+    on_step: newton.OnStep | None = None,
+) -> newton.Outcome:
+    """Follow each start to its end, and return the end to take.
+
+    Where what materials show lags behind in it, the starts that came nearest go once more with the
+    weight of that raised: which lamps get the lobes is settled on the way. What the map lacks is
+    made up for by steps alone.
+
+    Args:
+        seeds: Starts, one or more.  [N, .] each
+        finish: Follows one.
+        frame: The map on the leaves on which ends are compared.
+        aim: What errors are to come to there.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+        on_step: Called with the lobes of the first start, then with the best so far.
+    """
+    ends: list[End] = []
+
+    def reached(seed: Lobes, weights: Tensor | None = None) -> End:
+        """Return the end of a start, with other weights if any are given."""
+        report = on_step
+        if on_step is not None and ends:
+            best = min(ends, key=lambda each: each.order).found.lobes
+            report = _still(on_step, best)
+        return ended(seed, finish(seed, weights, report), frame, aim)
+
+    for seed in seeds:
+        ends.append(reached(seed))
+    nearest = sorted(ends, key=lambda each: each.order)
+    best = settled(nearest[0], frame, aim, width_min)
+    going = nearest[:AGAIN] if best.behind > 1 else []
+    for end in going:
+        if best.settled_order[0] <= 1:
+            break
+        weights = balance.raised(end.lag)
+        again = settled(reached(end.seed, weights), frame, aim, width_min, weights)
+        best = min(best, again, key=lambda each: each.settled_order)
+    return best.found
+
+
+def settled(
+    end: End,
+    frame: objective.Target,
+    aim: Tensor,
+    width_min: float,
+    weights: Tensor | None = None,
+) -> End:
+    """Return an end after the steps of `balance.balanced`."""
+    found = balance.balanced(end.found, frame, aim, width_min, weights)
+    return ended(end.seed, found, frame, aim)
+
+
+def ended(seed: Lobes, found: newton.Outcome, frame: objective.Target, aim: Tensor) -> End:
+    """Measure an end.
+
+    Args:
+        seed: The start.  [N, .]
+        found: Lobes that took steps.  F = 1
+        frame: The map, with J's own weights.
+        aim: What errors are to come to.
+    """
+    return End(seed, found, balance.lags(found, frame, aim), lit_wrong(found, frame))
+
+
+def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
+    """Return J's part of what materials show wrong in the end.
+
+    Args:
+        found: Lobes that took steps.  F = 1
+        frame: The map, with J's own weights.
+    """
+    assert found.shown is not None  # of lobes that took steps
+    sharp = replace(frame, corners=light.CORNERS)
+    seen = objective.sizes(light.last(found.shown, frame).radiance, sharp).seen
+    return float(objective.of_materials(seen, sharp))
+
+
+def _still(on_step: newton.OnStep, best: Lobes) -> newton.OnStep:
+    """Return a report of the same lobes, whatever step is taken."""
+    return lambda _: on_step(best)
