@@ -5,7 +5,8 @@
 
 Where lamps rush past, a hair decides which lobe goes to which lamp, so one sequence decides little.
 It is followed six ways: as it is and turned by a third, forward, backward and mirrored; with
---turns 8 as it is and turned by one to seven ninths, 24 ways. Errors are those of
+--turns 8 as it is and turned by one to seven ninths, 24 ways. `--afresh 5 7 10 15` adds `fast` from
+nothing in every frame, with so many lobes that jump as they like. Errors are those of
 asglight.fitting.measures, within 1 % of the judge's. Worst is the largest r0.5 of any frame, in the
 luckiest and the unluckiest way; flicker is taken of what r0.5 shows.
 """
@@ -24,7 +25,7 @@ from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.fitting.probes import probe, split
 from asglight.fitting.temporal import waiting
 from asglight.images.sequence import open_sequence
-from asglight.judging.following import follow, jumps, refined
+from asglight.judging.following import follow, jumps, matched, refined
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 
@@ -55,19 +56,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("sequence", metavar="DIR", help="a sequence of latlong maps")
     parser.add_argument("--frames", type=int, metavar="N", help="the first N of it (all)")
     parser.add_argument("--turns", type=int, default=2, metavar="N", help="orientations (2)")
+    parser.add_argument(
+        "--afresh", type=int, nargs="+", metavar="N", default=[], help="lobes of fits from nothing"
+    )
     options = parser.parse_args(argv)
+    if any(count < 1 for count in options.afresh):
+        parser.error(f"--afresh {min(options.afresh)}; expected one or more")
     if options.turns < 1:
         parser.error(f"--turns {options.turns}; expected one or more")
     sequence = open_sequence(options.sequence)
     maps = [sequence.read(frame).radiance for frame in sequence.frames[: options.frames]]
     if len(maps) < 2:
         parser.error(f"{options.sequence}: {len(maps)} frame; expected two or more to follow")
+    turned = ways(maps, options.turns)
     found = {
-        preset.value: [
-            measured(each, FitOptions(LOBES, preset)) for each in ways(maps, options.turns)
-        ]
+        preset.value: [measured(each, FitOptions(LOBES, preset)) for each in turned]
         for preset in PRESETS
     }
+    for count in options.afresh:
+        fit = FitOptions(count, Preset.FAST)
+        found[f"afresh, {count} lobes"] = [measured(each, fit, fresh=True) for each in turned]
     print(table(found))
     return 0
 
@@ -85,13 +93,22 @@ def ways(maps: list[Tensor], turns: int) -> list[list[Tensor]]:
     return [*turned, *(way[::-1] for way in turned), *mirrored]
 
 
-def measured(maps: list[Tensor], options: FitOptions) -> Shot:
-    """Follow a sequence; `fast` and `best` refine it, as `asglight fit` does."""
-    found, seconds = follow(maps, options)
-    if options.preset is not Preset.LIVE:
-        found, seconds = refined(maps, found, seconds)
-    shot = waiting(stack(found))  # as it is written
-    lobes = [shot[frame] for frame in range(len(maps))]
+def measured(maps: list[Tensor], options: FitOptions, *, fresh: bool = False) -> Shot:
+    """Follow a sequence; `fast` and `best` refine it, as `asglight fit` does.
+
+    Args:
+        maps: Of each frame.  [H, W, 3]
+        options: Settings.
+        fresh: Fit every frame from nothing; lobes of neighbouring frames are matched.
+    """
+    found, seconds = follow(maps, options, fresh=fresh)
+    if fresh:
+        lobes = matched(found)
+    else:
+        if options.preset is not Preset.LIVE:
+            found, seconds = refined(maps, found, seconds)
+        shot = waiting(stack(found))  # as it is written
+        lobes = [shot[frame] for frame in range(len(maps))]
     truth = [measures.shown(each) for each in maps]
     errors = [measures.errors(*pair) for pair in zip(lobes, truth, strict=True)]
     return Shot(

@@ -38,6 +38,15 @@ def test_what_stands_still_does_not_flicker(preset: Preset) -> None:
     assert still.seconds > 0
 
 
+def test_fits_from_nothing_do_not_hang_on_the_frames_before() -> None:
+    maps = [sky_and_sun(0.0, 16), sky_and_sun(90.0, 16)]
+    fit = FitOptions(3, Preset.FAST)
+    both = shots_turned.measured(maps, fit, fresh=True)
+    alone = shots_turned.measured(maps[1:] * 2, fit, fresh=True)
+    assert both.rough[1] == pytest.approx(alone.rough[0], rel=1e-6)
+    assert both.jumps > 0
+
+
 def test_flicker_is_the_change_of_what_is_missed_over_the_whole() -> None:
     maps = [sky_and_sun(0.0, 16), 2 * sky_and_sun(0.0, 16)]
     truth = [shots_turned.measures.shown(each) for each in maps]
@@ -64,15 +73,24 @@ def test_a_sequence_is_read_and_followed(
     for frame in range(1001, 1004):
         write_exr(tmp_path / f"sky.{frame}.exr", sky_and_sun(frame - 1001.0, 16))
     given: list[int] = []
+    lobes: list[tuple[int | None, bool]] = []
 
-    def noted(maps: list[torch.Tensor], options: FitOptions) -> object:
+    def noted(maps: list[torch.Tensor], options: FitOptions, *, fresh: bool = False) -> object:
         given.append(len(maps))
+        lobes.append((options.lobes, fresh))
         return shots_turned.Shot([0.0], [0.0], 0.0, 0, 0.0)
 
     monkeypatch.setattr(shots_turned, "measured", noted)
     assert shots_turned.main([str(tmp_path), "--frames", "2"]) == 0
     assert given == [2] * 12
     assert capsys.readouterr().out.startswith("| preset |")
+    lobes.clear()
+    assert shots_turned.main([str(tmp_path), "--turns", "1", "--afresh", "5", "7"]) == 0
+    assert lobes == [(15, False)] * 6 + [(5, True)] * 3 + [(7, True)] * 3
+    assert "| afresh, 7 lobes |" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        shots_turned.main([str(tmp_path), "--afresh", "0"])
+    assert "--afresh 0; expected one or more" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         shots_turned.main([str(tmp_path), "--frames", "1"])
     assert "1 frame; expected two or more to follow" in capsys.readouterr().err
