@@ -75,7 +75,7 @@ def aims(yardstick: Lobes, frame: Target) -> Tensor:
 
     Args:
         yardstick: Lobes that took no steps.  [N, .]
-        frame: The map, with J's own weights.  F = 1
+        frame: The map.  F = 1
     """
     shown = lobe_images.images(yardstick[None], frame.places)
     found = errors(shown.radiance, frame)
@@ -90,8 +90,7 @@ def lags(found: newton.Outcome, frame: Target, aim: Tensor) -> Tensor:
         frame: The map, with J's own weights.
         aim: From `aims`.
     """
-    assert found.shown is not None  # of lobes that took steps
-    return errors(light.last(found.shown, frame).radiance, frame) / aim
+    return errors(light.relit(found, frame).radiance, frame) / aim
 
 
 def weighed(frame: Target, factors: Tensor) -> Target:
@@ -148,15 +147,5 @@ def balanced(
             factor = math.sqrt(factor)
         else:
             found, lag, weights = ahead, left, heavier
-    return of_own_weights(found, frame)
-
-
-def of_own_weights(found: newton.Outcome, frame: Target) -> newton.Outcome:
-    """Return lobes with the value of J by the weights of a map.
-
-    Args:
-        found: Lobes that took steps.
-        frame: The map.
-    """
     assert found.shown is not None  # of lobes that took steps
     return replace(found, value=objective.value(found.shown.radiance, frame))

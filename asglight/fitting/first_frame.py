@@ -12,7 +12,6 @@ from asglight.fitting import (
     flat_tops,
     leaves,
     light,
-    lobe_images,
     newton,
     objective,
     seeding,
@@ -87,7 +86,6 @@ def soft_to_sharp(rounds: int) -> tuple[Level, ...]:
 FAST = Effort((math.inf,), soft_to_sharp(rounds=4))
 """Over ten maps two rounds leave J a twentieth larger in the worst fits, a fifth in one; six gain
 nothing that counts for a tenth of a second more."""
-
 
 BEST = Effort((math.inf, 30.0, 4.0), soft_to_sharp(rounds=30), several=True)
 """Rounds in which every split can be tried; over ten maps J still falls by 2 % after 12 of them,
@@ -185,19 +183,19 @@ def fit_first_frame(
 
     def finish(seed: Lobes, weights: Tensor | None, report: newton.OnStep | None) -> newton.Outcome:
         """Follow a start to its end (`starts.Finish`)."""
-        first, few, fine = whole, coarse, last
+        frames = [whole, coarse, last]
         if weights is not None:
-            first, few, fine = (balance.weighed(each, weights) for each in (whole, coarse, last))
-        found = descend(seed[None], first, few, effort.levels, width_min, report)
-        if not effort.several:
-            return found
-        return newton.minimise(found.lobes, fine, LAST.steps, width_min=width_min, on_step=report)
+            frames = [balance.weighed(each, weights) for each in frames]
+        found = descend(seed[None], *frames[:2], effort.levels, width_min, report)
+        return newton.minimise(
+            found.lobes, frames[2], LAST.steps, width_min=width_min, on_step=report
+        )
 
     def fitted(form: Form) -> newton.Outcome:
         """Return the end of the best start."""
         seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
         if not effort.several:
-            return finish(seeds[0], None, on_step)
+            return descend(seeds[0][None], whole, coarse, effort.levels, width_min, on_step)
         aim = balance.aims(seeding.even_mixture(cells, count), last)
         return starts.best_end(seeds, finish, last, aim, width_min, on_step)
 
@@ -205,24 +203,13 @@ def fit_first_frame(
     if form is None and flat_tops.promises(found.lobes, whole, width_min):
         flat = fitted(Form.FLAT)
         found = flat if flat_tops.gains(flat, found) else found
-    return with_flux_of(relit(found, last).lobes[0], frame, float(found.value))
+    return with_flux_of(light.relit(found, last).lobes[0], frame, float(found.value))
 
 
 def on_fine_leaves(frame: Exposed) -> objective.Target:
     """Return a map on the leaves of the last steps, under the last corners."""
     places = leaves.leaves(frame.radiance, FINE_ROWS, FINE_REFINED)
     return objective.target(frame.radiance, LAST.corners, places)
-
-
-def relit(found: newton.Outcome, frame: objective.Target) -> lobe_images.Images:
-    """Return lobes that took their steps with the last solution for their light.
-
-    Args:
-        found: The lobes.  F = 1.
-        frame: The map.
-    """
-    assert found.shown is not None  # of lobes that took steps
-    return light.last(found.shown, frame)
 
 
 def descend(

@@ -19,7 +19,6 @@ from asglight.fitting.first_frame import (
     exposed,
     fit_first_frame,
     narrowest,
-    relit,
     with_flux_of,
 )
 from asglight.fitting.objective import Corners
@@ -157,7 +156,7 @@ def fit_next_frame(
         fresh = _anew(reference, previous)
         if fresh.loss < JUMP_GAIN * loss:
             return fresh
-    lit = align(relit(outcome, whole).lobes[0], before)
+    lit = align(light.relit(outcome, whole).lobes[0], before)
     waits = bool((free & temporal.is_dark(lit)).any())  # one is on its way already
     going = None if waits else resent(lit, before, competing, width_min, effort.sending.trial)
     if going is not None:
@@ -178,7 +177,7 @@ def _without(
     others = lobes.select(rest)[None]
     held = Leash(leash.axis_z[rest], leash.cosine[rest])
     outcome = _afresh(others, frame, levels, held, width_min)
-    lit = lobes.replaced(rest, relit(outcome, frame).lobes[0])
+    lit = lobes.replaced(rest, light.relit(outcome, frame).lobes[0])
     return lit.replaced(torch.tensor([going.index]), going.lobe)
 
 

@@ -8,7 +8,7 @@ import scipy.optimize
 import torch
 from torch import Tensor
 
-from asglight.fitting import leaves, objective
+from asglight.fitting import leaves, newton, objective
 from asglight.fitting.lobe_images import Images
 from asglight.fitting.objective import Corners
 from asglight.fitting.probes import probe
@@ -28,6 +28,17 @@ def last(shown: Images, frame: objective.Target) -> Images:
         frame: The maps.
     """
     return relight(shown, replace(frame, corners=CORNERS))
+
+
+def relit(found: newton.Outcome, frame: objective.Target) -> Images:
+    """Return lobes that took their steps with the last solution for their light.
+
+    Args:
+        found: The lobes.  F = 1.
+        frame: The map.
+    """
+    assert found.shown is not None  # of lobes that took steps
+    return last(found.shown, frame)
 
 
 def relight(shown: Images, frame: objective.Target) -> Images:

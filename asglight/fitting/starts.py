@@ -130,9 +130,8 @@ def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
         found: Lobes that took steps.  F = 1
         frame: The map, with J's own weights.
     """
-    assert found.shown is not None  # of lobes that took steps
     sharp = replace(frame, corners=light.CORNERS)
-    seen = objective.sizes(light.last(found.shown, frame).radiance, sharp).seen
+    seen = objective.sizes(light.relit(found, frame).radiance, sharp).seen
     return float(objective.of_materials(seen, sharp))
 
 

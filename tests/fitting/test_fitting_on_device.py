@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import torch
 from lobe_cases import alike, noise, target
+from tape import tensors_among
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
@@ -28,7 +29,7 @@ class _OnlyThere(TorchDispatchMode):
 
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         out = func(*args, **(kwargs or {}))
-        for tensor in _tensors((args, out)):
+        for tensor in tensors_among((args, out)):
             assert tensor.device == DEVICE, f"{func}: a tensor on {tensor.device}"
         return out
 
@@ -50,14 +51,6 @@ def _only_there() -> Iterator[None]:
             patched.setattr(torch, name, _brought)
         patched.setattr(Tensor, "new_tensor", _new)
         yield
-
-
-def _tensors(values: Any) -> Iterator[Tensor]:
-    if isinstance(values, Tensor):
-        yield values
-    elif isinstance(values, list | tuple):
-        for each in values:
-            yield from _tensors(each)
 
 
 def _start(form: Form, frames: int, held: bool) -> tuple[newton._Progress, newton._Setting]:
@@ -98,7 +91,8 @@ def test_a_narrowest_width_and_one_size_of_leaves_stay_there_too() -> None:
     progress, given = map(_there, (start, newton._Setting(frame, (), 0.0, None)))
     newton._step(progress, given)
     with _only_there():
-        newton._step(progress, given)
+        found = newton._step(progress, given)
+    assert kind_of(found) == kind_of(progress)
 
 
 @pytest.mark.parametrize(

@@ -57,13 +57,13 @@ class _Recording(TorchDispatchMode):
             if outside:
                 self._before.append((args[0], args[0].clone()))
         out = func(*args, **kwargs)
-        taken = {_memory(each) for each in _tensors((args, tuple(kwargs.values())))}
-        made = [each for each in _tensors(out) if _memory(each) not in taken]
+        taken = {_memory(each) for each in tensors_among((args, tuple(kwargs.values())))}
+        made = [each for each in tensors_among(out) if _memory(each) not in taken]
         self._made.update(map(_memory, made))
 
         def again() -> None:
-            found = [each for each in _tensors(func(*args, **kwargs)) if each.numel()]
-            own = [each for each in _tensors(out) if each.numel()]
+            found = [each for each in tensors_among(func(*args, **kwargs)) if each.numel()]
+            own = [each for each in tensors_among(out) if each.numel()]
             for old, new in zip(own, found, strict=True):
                 if any(old is each for each in made):  # else a view of what is there already
                     old.copy_(new)
@@ -77,12 +77,13 @@ class _Recording(TorchDispatchMode):
             tensor.copy_(before)
 
 
-def _tensors(values: Any) -> Iterator[Tensor]:
+def tensors_among(values: Any) -> Iterator[Tensor]:
+    """Yield the tensors among the arguments or results of an operation."""
     if isinstance(values, Tensor):
         yield values
     elif isinstance(values, list | tuple):
         for each in values:
-            yield from _tensors(each)
+            yield from tensors_among(each)
 
 
 def _memory(tensor: Tensor) -> int:
