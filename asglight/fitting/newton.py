@@ -272,13 +272,11 @@ def _solve(hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor) -> 
     largest = diagonal.amax(-1, keepdim=True).clamp(min=1e-300)
     # unknowns that nothing in the map sees get unit curvature, far above their gradient of 0
     curvature = torch.where(diagonal > 1e-12 * largest, diagonal, largest)
-    matrix = hessian * (free[:, :, None] & free[:, None, :])
     # scaled to unit diagonal: sharpness and radiance differ by ten orders of magnitude
-    added = torch.where(free, damping[:, None] * curvature, 1.0)
-    scale = (torch.diagonal(matrix, dim1=-2, dim2=-1) + added).clamp(min=1e-300).rsqrt()
-    scaled = matrix * scale[:, :, None] * scale[:, None, :]
-    torch.diagonal(scaled, dim1=-2, dim2=-1).add_(added * scale.square())
-    right = torch.where(free, -gradient, 0.0) * scale
+    scale = free * (diagonal + damping[:, None] * curvature).clamp(min=1e-300).rsqrt()
+    scaled = hessian * (scale[:, :, None] * scale[:, None, :])
+    torch.diagonal(scaled, dim1=-2, dim2=-1).fill_(1.0)
+    right = -gradient * scale
     factor, failed = torch.linalg.cholesky_ex(scaled)
     step = torch.cholesky_solve(right[..., None], factor)[..., 0] * scale
     step = torch.where((failed > 0)[:, None], 0.0, step)

@@ -3,9 +3,9 @@
 
 A probe filters a map with a kernel around directions that lie on rings of latitude. Kernel and grid
 are the same at every longitude, so the filter is a convolution along the rows: one small matrix
-from rows to rings for each frequency of longitude. Rows are short: a product with the matrix of the
-Fourier transform takes less time than a fast one, between whose steps data is moved. Images are
-channels first, [..., P].
+from rows to rings for each frequency of longitude, the same for its cosine and its sine. Rows are
+short: a product with the matrix of the Fourier transform takes less time than a fast one, between
+whose steps data is moved. Images are channels first, [..., P].
 
 The probes see the map on a coarse grid, to which its light was brought place by place
 (splatting.py), for what they show is smooth at that scale.
@@ -62,11 +62,13 @@ def probe(images: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> T
     """
     device = str(images.device)
     filters = _filters(sources, height, device).to(images)
-    rings = _transformed(images, height) @ filters  # [2 H, K, R]
+    waves = _waves(2 * height, 1, device).to(images)
+    spectrum = waves @ images.reshape(-1, 2 * height).mT  # [2 (H + 1), K H]
+    rings = spectrum.reshape(height + 1, -1, height) @ filters  # [H + 1, 2 K, R]
     views = []
     for source, own in zip(sources, rings.split([each.rings for each in sources], -1), strict=True):
         waves = _waves(2 * height, _stride(source, height), device).to(images)
-        views.append((own.flatten(1).mT @ waves).reshape(*images.shape[:-1], -1))
+        views.append((own.reshape(len(waves), -1).mT @ waves).reshape(*images.shape[:-1], -1))
     return torch.cat(views, -1)
 
 
@@ -85,11 +87,11 @@ def pull(views: Tensor, height: int) -> Tensor:
     for source, view in zip(PROBES, split(views, height), strict=True):
         waves = _waves(2 * height, _stride(source, height), device).to(views)
         ring = waves @ view.reshape(-1, waves.shape[-1]).mT
-        rings.append(ring.unflatten(-1, (-1, source.rings)))
+        rings.append(ring.reshape(height + 1, -1, source.rings))
     filters = _filters(PROBES, height, device).to(views)
-    spectrum = torch.cat(rings, -1) @ filters.mT  # [2 H, K, H]
+    spectrum = torch.cat(rings, -1) @ filters.mT  # [H + 1, 2 K, H]
     waves = _waves(2 * height, 1, device).to(views)
-    return (spectrum.flatten(1).mT @ waves).reshape(*lead, -1)
+    return (spectrum.reshape(len(waves), -1).mT @ waves).reshape(*lead, -1)
 
 
 def split(views: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> tuple[Tensor, ...]:
@@ -100,12 +102,6 @@ def split(views: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> tu
 def of_views(numbers: Tensor, height: int) -> Tensor:
     """Give each view the number of its probe.  [..., K'] -> [..., D]."""
     return numbers[..., _sources(height, str(numbers.device))]
-
-
-def _transformed(images: Tensor, height: int) -> Tensor:
-    """Return the Fourier transform of images along their rows.  [..., H * 2 H] -> [2 H, K, H]."""
-    waves = _waves(2 * height, 1, str(images.device)).to(images)
-    return (waves @ images.reshape(-1, 2 * height).mT).unflatten(-1, (-1, height))
 
 
 def directions(source: Probe, rows: int) -> Tensor:
@@ -155,7 +151,9 @@ def shares(height: int, device: str, sources: tuple[Probe, ...] = PROBES) -> Ten
 @lru_cache(maxsize=64)
 @torch.inference_mode(False)
 def _waves(count: int, stride: int, device: str) -> Tensor:
-    """Return the real Fourier basis, orthonormal: cosines of each frequency, then sines.
+    """Return the real Fourier basis, orthonormal: of each frequency the cosine, then the sine.
+
+    Those sines that are no wave, of the first frequency and the last, are 0.
 
     Args:
         count: Texels of a row; even.
@@ -163,26 +161,28 @@ def _waves(count: int, stride: int, device: str) -> Tensor:
         device: Of the result.
 
     Returns:
-        [count, count / stride]
+        [count + 2, count / stride]
     """
     frequency = torch.arange(count // 2 + 1, dtype=torch.float64)[:, None]
     angle = 2 * math.pi / count * frequency * torch.arange(0, count, stride, dtype=torch.float64)
     size = torch.full_like(frequency, math.sqrt(2 / count))
     size[0] = size[-1] = math.sqrt(1 / count)
-    waves = torch.cat([size * angle.cos(), (size * angle.sin())[1:-1]])
+    sines = size * angle.sin()
+    sines[[0, -1]] = 0.0
+    waves = torch.stack([size * angle.cos(), sines], dim=1).flatten(0, 1)
     return waves.to(device, torch.float32)
 
 
 @lru_cache(maxsize=64)
 @torch.inference_mode(False)
 def _filters(sources: tuple[Probe, ...], rows: int, device: str) -> Tensor:
-    """Return the filter from rows to the rings of all probes for each of `_waves`.  [2 H, H, R]."""
+    """Return the filter from rows to the rings of all probes by frequency.  [H + 1, H, R]."""
     found = [_filter(source, rows) for source in sources]
     return torch.cat(found, -1).to(device, torch.float32)
 
 
 def _filter(source: Probe, rows: int) -> Tensor:
-    """Return the filter of one probe, in float64.  [2 H, H, R]."""
+    """Return the filter of one probe, in float64.  [H + 1, H, R]."""
     texels = latlong.directions(rows, 2 * rows, dtype=torch.float64).reshape(-1, 3)
     v = (torch.arange(source.rings, dtype=torch.float64) + 0.5) / source.rings
     u = torch.tensor(0.5 / (2 * rows), dtype=torch.float64)  # on the first column of texels
@@ -191,5 +191,4 @@ def _filter(source: Probe, rows: int) -> Tensor:
     weight = weight * latlong.texel_solid_angles(rows, 2 * rows, dtype=torch.float64).reshape(-1)
     weight = (weight / weight.sum(-1, keepdim=True)).reshape(source.rings, rows, 2 * rows)
     # even in the difference of longitude, so a cosine and its sine are filtered alike
-    of_cosines = torch.fft.rfft(weight).real.permute(2, 1, 0)
-    return torch.cat([of_cosines, of_cosines[1:-1]])
+    return torch.fft.rfft(weight).real.permute(2, 1, 0)
