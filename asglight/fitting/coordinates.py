@@ -10,13 +10,13 @@ axis, shears: D^1/2 exp([[0, e], [e, 0]]) D^1/2 with D = diag(sx + 1/2, sy + 1/2
 light    the RGB amplitude, linear and never below 0
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes, asg
-from asglight.lobes.frames import orthonormal
+from asglight.lobes.frames import orthonormal, parallel_transport
 
 UNKNOWNS = 8
 """Five of the shape and three of the amplitude."""
@@ -63,6 +63,11 @@ class Leash:
         cosine = self.cosine[..., None]
         edge = cosine * self.axis_z + (1 - cosine.square()).clamp(min=0).sqrt() * across
         return torch.where(along < cosine, edge, axis_z)
+
+
+def pulled_back(lobes: Lobes, leash: Leash) -> Lobes:
+    """Turn lobes the shortest way back to within their leash.  [..., N, .]."""
+    return replace(lobes, axes=parallel_transport(lobes.axes, leash.hold(lobes.axis_z)))
 
 
 def advance(

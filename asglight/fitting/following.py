@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import light, lobe_images, newton, objective, temporal
-from asglight.fitting.coordinates import Leash
+from asglight.fitting.coordinates import Leash, pulled_back
 from asglight.fitting.first_frame import (
     FrameFit,
     Level,
@@ -28,7 +28,6 @@ from asglight.fitting.sending import SENDING, Sending, is_free, lit_where_worth
 from asglight.fitting.tracking import claims, drawn, found_again
 from asglight.fitting.trials import Effort
 from asglight.lobes import Lobes, asg
-from asglight.lobes.data import stack
 from asglight.lobes.frames import align, parallel_transport
 from asglight.lobes.matching import matched
 
@@ -40,6 +39,8 @@ class Pursuit:
     Attributes:
         coarse: Steps on the grid on which starts compete, a quarter of the cells.
         whole: Steps on the whole map.
+        hurried: Steps on the whole map where lobes are free, whose trials take time; None for those
+            of the others.
         sending: What is spent where lobes are free (sending.py). The steps that the others take
             there stand for the coarse ones.
         resting: Steps of the others where a lobe that the frame can spare goes dark (resending.py).
@@ -48,6 +49,7 @@ class Pursuit:
 
     coarse: tuple[Level, ...]
     whole: tuple[Level, ...]
+    hurried: tuple[Level, ...] | None = None
     sending: Sending = SENDING
     resting: tuple[Level, ...] = (Level(2, Corners(0.1, 0.005)),)
     anew: bool = True
@@ -55,7 +57,8 @@ class Pursuit:
 
 LIVE = Pursuit(
     coarse=(Level(2, Corners(0.1, 0.005)),),
-    whole=(Level(2, Corners(0.1, 0.005)),),
+    whole=(Level(2, Corners(0.1, 0.005)), Level(2, Corners(0.1, 0.002))),
+    hurried=(Level(2, Corners(0.1, 0.005)),),
     sending=Sending(before=2, trial=Effort(steps=2, companions=2)),
     resting=(),
     anew=False,
@@ -133,15 +136,16 @@ def fit_next_frame(
     coarse = objective.trial_target(frame.radiance, effort.whole[0].corners)
     width_min = narrowest(frame.height)
     outcome, unlike = _started(before, earlier, coarse, leash, width_min)
-    competing = replace(coarse, corners=effort.whole[-1].corners)
-    levels = effort.coarse
-    if bool(free.any()):
+    sends = bool(free.any())
+    levels = (effort.hurried if sends else None) or effort.whole
+    competing = replace(coarse, corners=levels[-1].corners)
+    if sends:
         lit = lit_where_worth(outcome, free, competing, leash, width_min, effort.sending)
-        outcome, levels = replace(outcome, lobes=lit[None]), ()
+        outcome = replace(outcome, lobes=lit[None])
     held = temporal.prior(outcome.lobes)
-    outcome = _stepped(outcome, coarse, levels, held, leash, width_min)
+    outcome = _stepped(outcome, coarse, () if sends else effort.coarse, held, leash, width_min)
     outcome = replace(outcome, shown=None)  # now on the leaves of the whole map
-    outcome = _stepped(outcome, whole, effort.whole, held, leash, width_min)
+    outcome = _stepped(outcome, whole, levels, held, leash, width_min)
     if float(outcome.value) > SUSPECT_LOSS:
         outcome = _stepped(outcome, whole, FAST.whole, held, leash, width_min)
     loss = float(outcome.value)
@@ -158,7 +162,7 @@ def fit_next_frame(
             return fresh
     lit = align(light.relit(outcome, whole).lobes[0], before)
     waits = bool((free & temporal.is_dark(lit)).any())  # one is on its way already
-    going = None if waits else resent(lit, before, competing, width_min, effort.sending.trial)
+    going = None if waits else resent(lit, before, competing, loss, width_min, effort.sending.trial)
     if going is not None:
         lit = _without(lit, going, whole, effort.resting, leash, width_min)
     return with_flux_of(lit, frame, float(outcome.value))
@@ -278,24 +282,22 @@ def _started(
         onward = _mirrored(earlier.axis_z, before.axis_z)
         steady = (before.axis_z * earlier.axis_z).sum(-1) > math.cos(math.radians(FORETELL_DEG))
         places.append(torch.where(steady[:, None], onward, before.axis_z))
-    still = _at(before, torch.stack(places))
-    taken = claims(still, frame.repeated(len(places)))
-    found = found_again(still[:1], taken[:1], frame)
+    still = lobe_images.images(_at(before, leash.hold(torch.stack(places))), frame.places)
+    taken = claims(still)
+    found = found_again(still.lobes[:1], taken[:1], frame)
     if found is not None:
-        still = stack([*(still[i] for i in range(len(places))), found[0]])
-        taken = torch.cat([taken, claims(found, frame)])
-    count = len(still.axes)
-    after = drawn(still, taken, frame.repeated(count), width_min)
-    both = stack([lobes[i] for lobes in (still, after) for i in range(count)])
-    candidates = replace(both, axes=parallel_transport(both.axes, leash.hold(both.axis_z)))
-    competing = frame.repeated(2 * count)
-    shown = lobe_images.images(candidates, competing.places)
-    value = objective.value(shown.radiance, competing)
-    still_best, after_best = value.view(2, -1).argmin(-1).tolist()
-    pair = frame.repeated(2)
-    lit = light.relight(shown[[still_best, count + after_best]], pair)
+        seeing = lobe_images.images(pulled_back(found, leash), frame.places)
+        still, taken = lobe_images.joined(still, seeing), torch.cat([taken, claims(seeing)])
+    count = len(taken)
+    after = drawn(still.lobes, taken, frame.repeated(count), width_min)
+    onwards = lobe_images.images(pulled_back(after, leash), frame.places)
+    radiance = torch.cat([still.radiance, onwards.radiance])
+    value = objective.value(radiance, frame.repeated(2 * count))
+    still_best, after_best = value.view(2, -1).argmin(-1, keepdim=True)
+    pair = lobe_images.joined(still[still_best], onwards[after_best])
+    lit = light.relight(pair, frame.repeated(2))
     as_it_was = float(value[0])
-    value = objective.value(lit.radiance, pair)
+    value = objective.value(lit.radiance, frame.repeated(2))
     damping = torch.full_like(value, DAMPING_START)
     return newton.Outcome(lit.lobes, value, damping, lit).best(), as_it_was
 

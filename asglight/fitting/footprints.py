@@ -3,7 +3,7 @@
 
 The mean of a Gaussian over a texel is, to second order in the texel's size, a wider Gaussian: the
 texel's own second moment T adds to the lobe's covariance. With S = diag(sx, sy) in the lobe's frame
-it has the sharpness matrix S' = (I + 2 S T)^-1 S and the peak c = det(I + 2 S T)^-1/2. So one
+it has the sharpness matrix S' = (S^-1 + 2 T)^-1 and the peak c = det(I + 2 S T)^-1/2. So one
 formula serves leaves of any size and lobes of any width, and a lobe narrower than a cell still has
 a slope there. T is held in the derivatives. A flat lobe is seen as its terms (lobes/flat.py).
 """
@@ -34,54 +34,72 @@ class Footprint:
     derivatives: Tensor
 
 
-def seen_moments(lobes: Lobes, rows: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the second moment of a texel about its centre, (I + 2 S T)^-1 and its determinant.
+@dataclass(frozen=True)
+class Seen:
+    """Lobes as leaves of L sizes see them, in each lobe's frame.
+
+    Attributes:
+        moment: T, the second moment of a texel about its centre.  [L, F, N, 2, 2]
+        sharpness: S'.  [L, F, N, 2, 2]
+        log_peak: log c.  [L, F, N]
+    """
+
+    moment: Tensor
+    sharpness: Tensor
+    log_peak: Tensor
+
+
+def as_seen(lobes: Lobes, rows: Sequence[int]) -> Seen:
+    """Return how leaves of grids of so many rows see lobes.  [F, N, .].
 
     A texel of a grid of `rows` rows is pi / rows high and pi / rows times cos(latitude) wide.
-
-    Returns:
-        T and the inverse, in each lobe's frame [L, F, N, 2, 2], and the determinant [L, F, N].
     """
     sides = [(math.pi / count) ** 2 / 12 for count in rows]
     side = constants.like(lobes.sharpness, *sides)[:, None, None]
-    axis_z, axes = lobes.axis_z, lobes.axes[..., :2, :]
-    sin2 = axis_z[..., 1].square()
+    up_x, up_y, up_z = lobes.axes[..., 1].unbind(-1)  # of the axes, towards the pole
+    sin2 = up_z.square()
     cos2 = torch.maximum(1 - sin2, 3 * side)  # within a texel of a pole width has no direction
-    # along the row, cos(latitude) long: z x y and its parts on axis_x and axis_y
-    along = torch.stack([axis_z[..., 2], torch.zeros_like(sin2), -axis_z[..., 0]], dim=-1)
-    part = (axes @ along[..., None])[..., 0]
-    shorter = (sin2 / cos2)[..., None, None] * part[..., :, None] * part[..., None, :]
-    identity = torch.eye(2, dtype=sin2.dtype, device=sin2.device)
-    moment = side[..., None, None] * (identity - shorter)
-    trace = shorter[..., 0, 0] + shorter[..., 1, 1]
+    shorter = sin2 / cos2  # T = side (I - shorter p p^T), p = (up_y, -up_x) along the row
+    trace = shorter * (1 - sin2)
     if lobes.form is Form.SG:  # stays isotropic
-        moment = (side * (1 - trace / 2))[..., None, None] * identity
-        inverse = 1 / (1 + lobes.sharpness[..., 0] * moment[..., 0, 0])
-        return moment, inverse[..., None, None] * identity, inverse.square()
-    a, b, c, d = (2 * lobes.sharpness[..., :, None] * moment).flatten(-2).unbind(-1)
+        moment = side * (1 - trace / 2)
+        inverse = 1 / (1 + lobes.sharpness[..., 0] * moment)
+        identity = torch.eye(2, dtype=sin2.dtype, device=sin2.device)
+        sharpness = lobes.sharpness[..., 0] * inverse
+        moment, sharpness = (each[..., None, None] * identity for each in (moment, sharpness))
+        return Seen(moment, sharpness, inverse.log())
+    xx, yy = side * (1 - shorter * up_y.square()), side * (1 - shorter * up_x.square())
+    xy = side * shorter * up_x * up_y
+    # S' = (S^-1 + 2 T)^-1 and c^2 = det S' / det S
+    width_x, width_y = (1 / lobes.sharpness).unbind(-1)
+    whole = width_x * width_y
     # det T = side^2 (1 - trace): the difference of products would lose it for sharp lobes
-    product = 4 * side.square() * lobes.sharpness.prod(-1) * (1 - trace).clamp(min=0)
-    determinant = 1 / (1 + a + d + product)
-    inverse = torch.stack([1 + d, -b, -c, 1 + a], dim=-1) * determinant[..., None]
-    return moment, inverse.unflatten(-1, (2, 2)), determinant
+    product = 4 * side.square() * (1 - trace).clamp(min=0)
+    determinant = whole + 2 * (width_x * yy + width_y * xx) + product
+    cross = -2 * xy
+    adjugate = torch.stack([width_y + 2 * yy, cross, cross, width_x + 2 * xx], dim=-1)
+    return Seen(
+        torch.stack([xx, xy, xy, yy], dim=-1).unflatten(-1, (2, 2)),
+        (adjugate / determinant[..., None]).unflatten(-1, (2, 2)),
+        (whole / determinant).log() / 2,
+    )
 
 
-def exponents(lobes: Lobes, inverse: Tensor, determinant: Tensor) -> Tensor:
-    """Return log c - d^T S' d, or for the sg form log c + s' (z - 1).  [L, F, N, 9]."""
+def exponents(lobes: Lobes, found: Seen) -> Tensor:
+    """Return log c - d^T S' d, or for the sg form log c + s' (z - 1).  [L, F, N, 9].
+
+    Args:
+        lobes: The lobes.  [F, N, .]
+        found: How they are seen.
+    """
     if lobes.form is Form.SG:
-        seen = lobes.sharpness[..., 0] * inverse[..., 0, 0]
-        square = (determinant.log() / 2 - seen)[..., None] * _one(inverse)
-        return torch.cat([seen[..., None] * lobes.axis_z, square], dim=-1)
+        sharpness = found.sharpness[..., 0, 0]
+        square = (found.log_peak - sharpness)[..., None] * _one(sharpness)
+        return torch.cat([sharpness[..., None] * lobes.axis_z, square], dim=-1)
     across = lobes.axes[..., :2, :]
-    square = _monomials(-across.mT @ _sharpness_seen(lobes, inverse) @ across)
-    square = square + determinant.log()[..., None] / 2 * _one(inverse)
-    return torch.cat([square.new_zeros(*square.shape[:-1], 3), square], dim=-1)
-
-
-def _sharpness_seen(lobes: Lobes, inverse: Tensor) -> Tensor:
-    """Return S' = (I + 2 S T)^-1 S, symmetric.  [L, F, N, 2, 2]."""
-    seen = inverse * lobes.sharpness[..., None, :]
-    return (seen + seen.mT) / 2
+    square = found.log_peak[..., None] * _one(across)
+    square = square - _monomials(across.mT @ found.sharpness @ across)
+    return torch.nn.functional.pad(square, (3, 0))
 
 
 def footprint(lobes: Lobes, rows: Sequence[int]) -> Footprint:
@@ -91,42 +109,39 @@ def footprint(lobes: Lobes, rows: Sequence[int]) -> Footprint:
     """
     if lobes.form is Form.FLAT:
         lobes = flat.terms(lobes)
-    moment, inverse, determinant = seen_moments(lobes, rows)
-    exponent = exponents(lobes, inverse, determinant)
-    shifted = lobes.sharpness + BROAD
+    found = as_seen(lobes, rows)
+    exponent = exponents(lobes, found)
     if lobes.form is Form.SG:
-        return Footprint(exponent, _sg_derivatives(lobes, moment, inverse))
-    seen = _sharpness_seen(lobes, inverse)
-    across, axis_z = lobes.axes[..., :2, :], lobes.axis_z
-    # 2 z (S' (x, y)), a product of two directions for each tilt
-    towards = 2 * seen @ across  # [L, F, N, 2, 3]
-    tilts = towards[..., :, None] * axis_z[..., None, None, :]
-    tilts = (tilts + tilts.mT) / 2
-    change = lobes.sharpness.new_zeros(*shifted.shape[:-1], 3, 2, 2)  # dS
-    change[..., 0, 0, 0], change[..., 1, 1, 1] = shifted.unbind(-1)
-    change[..., 2, 0, 1] = change[..., 2, 1, 0] = turn_speed(lobes)
-    # dS' = (I + 2 S T)^-1 dS (I + 2 T S)^-1
-    sides = inverse.mT @ across  # [L, F, N, 2, 3]
-    shapes = -(sides.mT[..., None, :, :] @ change @ sides[..., None, :, :])
-    # d log c = -tr((I + 2 T S)^-1 T dS)
-    log_peak = -((moment @ inverse)[..., None, :, :] * change.mT).sum((-2, -1))
-    log_peak[..., :2] += 0.5  # a width changes at constant flux (coordinates.py)
-    shapes = _monomials(shapes) + log_peak[..., None] * _one(moment)
-    square = torch.cat([_monomials(tilts), shapes], dim=-2)
-    return Footprint(exponent, torch.cat([square.new_zeros(*square.shape[:-1], 3), square], dim=-1))
+        return Footprint(exponent, _sg_derivatives(lobes, found))
+    # Each is a product of two directions: a tilt's 2 z (S' (x, y)), those of widths and turn what
+    # they make of dS' = (I + 2 S T)^-1 dS (I + 2 T S)^-1 = S' S^-1 dS S^-1 S'.
+    towards = found.sharpness @ lobes.axes[..., :2, :]  # [L, F, N, 2, 3]
+    sides = towards / lobes.sharpness[..., None]
+    speed = -torch.cat([lobes.sharpness + BROAD, 2 * turn_speed(lobes)[..., None]], dim=-1)
+    one = torch.cat([towards, sides, sides[..., :1, :]], dim=-2)  # [L, F, N, 5, 3]
+    tilted = (2 * lobes.axis_z)[..., None, :].expand_as(towards)
+    shaped = torch.cat([sides, sides[..., 1:, :]], dim=-2) * speed[..., None]
+    other = torch.cat([tilted, shaped], dim=-2)
+    derivatives = _monomials(one[..., :, None] * other[..., None, :])
+    # d log c = -tr(T (I + 2 S T)^-1 dS), and a width changes at constant flux (coordinates.py)
+    inverse = found.sharpness / lobes.sharpness[..., None, :]  # (I + 2 S T)^-1
+    xx, xy, _, yy = (found.moment @ inverse).flatten(-2).unbind(-1)
+    log_peak = speed * torch.stack([xx, yy, xy], dim=-1) + constants.like(xx, 0.5, 0.5, 0.0)
+    derivatives[..., 2:, :] += log_peak[..., None] * _one(xx)
+    return Footprint(exponent, torch.nn.functional.pad(derivatives, (3, 0)))
 
 
-def _sg_derivatives(lobes: Lobes, moment: Tensor, inverse: Tensor) -> Tensor:
+def _sg_derivatives(lobes: Lobes, found: Seen) -> Tensor:
     """Return the derivatives of the sg form, which has one width and no turn.  [L, F, N, 5, 9]."""
-    shifted, inverse = lobes.sharpness[..., 0] + BROAD, inverse[..., 0, 0]
-    seen = lobes.sharpness[..., 0] * inverse  # s'
+    sharpness, moment = found.sharpness[..., 0, 0], found.moment[..., 0, 0]  # s', T
+    shifted, inverse = lobes.sharpness[..., 0] + BROAD, sharpness / lobes.sharpness[..., 0]
     change = shifted * inverse.square()  # ds'
-    log_peak = 1 - shifted * moment[..., 0, 0] * inverse  # at constant flux
-    found = inverse.new_zeros(*inverse.shape, 5, 9)
-    found[..., :2, :3] = seen[..., None, None] * lobes.axes[..., :2, :]
-    found[..., 2, :3] = change[..., None] * lobes.axis_z
-    found[..., 2, 3:] = (log_peak - change)[..., None] * _one(moment)
-    return found
+    log_peak = 1 - shifted * moment * inverse  # at constant flux
+    result = inverse.new_zeros(*inverse.shape, 5, 9)
+    result[..., :2, :3] = sharpness[..., None, None] * lobes.axes[..., :2, :]
+    result[..., 2, :3] = change[..., None] * lobes.axis_z
+    result[..., 2, 3:] = (log_peak - change)[..., None] * _one(sharpness)
+    return result
 
 
 def _one(like: Tensor) -> Tensor:
@@ -135,9 +150,9 @@ def _one(like: Tensor) -> Tensor:
 
 
 def _monomials(matrix: Tensor) -> Tensor:
-    """Return d^T M d of symmetric M by monomials of degree 2.  [..., 3, 3] -> [..., 6]."""
-    xx, xy, xz, _, yy, yz, _, _, zz = matrix.flatten(-2).unbind(-1)
-    return torch.stack([xx, 2 * xy, 2 * xz, yy, 2 * yz, zz], dim=-1)
+    """Return d^T M d by monomials of degree 2.  [..., 3, 3] -> [..., 6]."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = matrix.flatten(-2).unbind(-1)
+    return torch.stack([xx, xy + yx, xz + zx, yy, yz + zy, zz], dim=-1)
 
 
 def turn_speed(lobes: Lobes) -> Tensor:

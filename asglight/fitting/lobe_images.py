@@ -25,7 +25,7 @@ from torch import Tensor
 
 from asglight.fitting import flat_terms
 from asglight.fitting.coordinates import BROAD
-from asglight.fitting.footprints import Footprint, exponents, seen_moments
+from asglight.fitting.footprints import Footprint, as_seen, exponents
 from asglight.fitting.grid import Grid
 from asglight.fitting.leaves import Leaves
 from asglight.lobes import Form, Lobes, flat
@@ -107,6 +107,18 @@ def chosen(first: Tensor, one: Images, other: Images) -> Images:
     )
 
 
+def joined(one: Images, other: Images) -> Images:
+    """Return the frames of two, the other's last."""
+    terms = None
+    if one.terms is not None and other.terms is not None:
+        terms = joined(one.terms, other.terms)
+    values = torch.cat([one.values, other.values])
+    same = one.gaussian is one.values
+    gaussian = values if same else torch.cat([one.gaussian, other.gaussian])
+    lobes = lobe_data.joined(one.lobes, other.lobes)
+    return Images(lobes, values, gaussian, torch.cat([one.scale, other.scale]), terms)
+
+
 def images(lobes: Lobes, places: Leaves) -> Images:
     """Evaluate lobes on leaves.  [F, N, .]."""
     if lobes.form is Form.FLAT:
@@ -115,8 +127,7 @@ def images(lobes: Lobes, places: Leaves) -> Images:
         values = flat.summed(terms.values * terms.scale[..., None], 1).clamp(min=0)
         return Images(lobes, values, values, torch.ones_like(terms.scale[:, : lobes.count]), terms)
     levels = places.levels
-    _, inverse, determinant = seen_moments(lobes, [rows for rows, _, _ in levels])
-    found = exponents(lobes, inverse, determinant)
+    found = exponents(lobes, as_seen(lobes, [rows for rows, _, _ in levels]))
     parts = [
         _values(lobes, exponent, monomials)
         for exponent, (_, monomials, _) in zip(found, levels, strict=True)

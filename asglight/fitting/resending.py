@@ -13,6 +13,7 @@ import torch
 from asglight.fitting import lobe_images, objective, regroup, temporal
 from asglight.fitting.trials import Effort, compete
 from asglight.lobes import Lobes
+from asglight.lobes.data import stack
 
 WORTH = 0.06
 """J from which it is worth while to look for one: ten real maps and slow skies stay below."""
@@ -45,6 +46,7 @@ def resent(
     lobes: Lobes,
     before: Lobes,
     frame: objective.Target,
+    loss: float,
     width_min: float,
     effort: Effort,
 ) -> Resent | None:
@@ -54,24 +56,24 @@ def resent(
         lobes: The fit of a frame.  [N, .]
         before: The same lobes one frame before.  [N, .]
         frame: The map, on a coarse grid.
+        loss: J of the fit.
         width_min: Sigma of the narrowest lobe allowed, radians.
         effort: How much is spent on a trial.
     """
+    if loss < WORTH:
+        return None
     may_go = temporal.is_faint(lobes) & temporal.is_faint(before) & (lobes.amplitude.amax(-1) > 0)
     if not bool(may_go.any()):
         return None
     shown = lobe_images.images(lobes[None], frame.places)
-    value = float(objective.value(shown.radiance, frame))
-    if value < WORTH:
-        return None
     costs, filled = regroup.absences(shown, frame)
-    may_go &= (costs < SPARE_COST * value).to(may_go.device)
+    may_go &= (costs < SPARE_COST * loss).to(may_go.device)
     if not bool(may_go.any()):
         return None
     splits = regroup.ordered(shown, frame, torch.where(may_go, costs, torch.inf))[:TRIALS]
     trials = [regroup.carried_out(each, lobes, filled, width_min) for each in splits]
     gone = [splits[0].gone, *(each.gone for each in splits)]
-    found, value = compete([lobes, *trials], gone, frame, effort, width_min=width_min)
+    found, value = compete(stack([lobes, *trials]), gone, frame, effort, width_min=width_min)
     best = 1 + int(value[1:].argmin())
     if float(value[best]) > (1 - GAIN) * float(value[0]):
         return None

@@ -13,12 +13,13 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import light, lobe_images, newton, objective, regroup, temporal
-from asglight.fitting.coordinates import Leash
+from asglight.fitting.coordinates import Leash, pulled_back
 from asglight.fitting.leaves import to_cells
 from asglight.fitting.probes import PROBES, directions, probe, split
 from asglight.fitting.trials import THOROUGH, Effort, compete
 from asglight.lobes import Lobes
-from asglight.lobes.frames import axes_around, parallel_transport
+from asglight.lobes.data import stack
+from asglight.lobes.frames import axes_around
 
 LACKING_SHARE = 5e-3
 """Filtered radiance lacking at a place, over the largest there is, that is worth a free lobe."""
@@ -114,12 +115,12 @@ def lit_where_worth(
         if not bool(idle.any()):
             break
         index = int((idle.int() + (idle & in_place).int()).argmax())
-        trials = [best, *_trials(best, index, frame, leash)]
+        trials = [best, *_trials(best, index, frame)]
         if bool(in_place[index]):
             own = torch.tensor([index])
             trials.append(best.replaced(own, as_started.select(own)))
         found, value = compete(
-            trials,
+            pulled_back(stack(trials), leash),
             [index] * len(trials),
             frame,
             effort.trial,
@@ -147,7 +148,7 @@ def _free_dark(start: newton.Outcome, free: Tensor, frame: objective.Target) -> 
     return replace(start, lobes=black.replaced(~free, lit)[None], shown=None)
 
 
-def _trials(lobes: Lobes, index: int, frame: objective.Target, leash: Leash) -> list[Lobes]:
+def _trials(lobes: Lobes, index: int, frame: objective.Target) -> list[Lobes]:
     """Return the lobes with a dark one in each place that it may be worth."""
     shown = lobe_images.images(lobes[None], frame.places)
     may_go = torch.full((lobes.count,), torch.inf)
@@ -155,8 +156,7 @@ def _trials(lobes: Lobes, index: int, frame: objective.Target, leash: Leash) -> 
     splits = regroup.ordered(shown, frame, may_go)[:SPLITS]
     own = torch.zeros(lobes.count, dtype=torch.bool, device=lobes.axes.device)
     own[index] = True
-    trials = [regroup.halved(lobes, *split) for split in splits] + [sent(lobes, own, frame)]
-    return [replace(t, axes=parallel_transport(t.axes, leash.hold(t.axis_z))) for t in trials]
+    return [*(regroup.halved(lobes, *split) for split in splits), sent(lobes, own, frame)]
 
 
 def sent(lobes: Lobes, free: Tensor, frame: objective.Target) -> Lobes:

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import lobe_images, objective
+from asglight.fitting.lobe_images import Images
 from asglight.fitting.seeding import sharpness_from_variance
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import parallel_transport
@@ -29,9 +30,8 @@ REACH = math.radians(3.3)
 """Sigma with which it looks for it: three of these are as far as a lit lobe may go in a frame."""
 
 
-def claims(lobes: Lobes, frame: objective.Target) -> Tensor:
+def claims(shown: Images) -> Tensor:
     """Return the share of each leaf's radiance that each lobe claims.  [F, N, P]."""
-    shown = lobe_images.images(lobes, frame.places)
     own = shown.light.sum(-1, keepdim=True) * shown.values
     return own / own.sum(1, keepdim=True).clamp(min=torch.finfo(own.dtype).tiny)
 
@@ -86,7 +86,8 @@ def found_again(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lobes |
     seeking = replace(lobes, sharpness=torch.where(lost[..., None], wide, lobes.sharpness))
     amplitude = own / asg.integral(seeking)[..., None]
     seeking = replace(seeking, amplitude=torch.where(lost[..., None], amplitude, lobes.amplitude))
-    axes = _turned(lobes, *_moments(claims(seeking, frame), frame))
+    sought = claims(lobe_images.images(seeking, frame.places))
+    axes = _turned(lobes, *_moments(sought, frame))
     return replace(lobes, axes=torch.where(lost[..., None, None], axes, lobes.axes))
 
 

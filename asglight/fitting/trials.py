@@ -16,7 +16,6 @@ from torch import Tensor
 from asglight.fitting import lobe_images, newton, objective
 from asglight.fitting.coordinates import Leash
 from asglight.lobes import Lobes
-from asglight.lobes.data import stack
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ a tunnel in three quarters of the time, but flickers by a quarter more."""
 
 
 def compete(
-    trials: Sequence[Lobes],
+    trials: Lobes,
     indices: Sequence[int],
     frame: objective.Target,
     effort: Effort,
@@ -50,7 +49,7 @@ def compete(
     """Take steps from each trial.
 
     Args:
-        trials: Two or more; the first is the lobes as they are.  [N, .] each
+        trials: Two or more; the first is the lobes as they are.  [F, N, .]
         indices: The lobe that each trial is about; of the first, that which shall stay as it is.
         frame: The map on few leaves.  F = 1
         effort: How much is spent.
@@ -61,25 +60,25 @@ def compete(
     Returns:
         The lobes after their steps [F, N, .] and J of each trial [F].
     """
-    start, many = stack(list(trials)), frame.repeated(len(trials))
-    if effort.companions is None or effort.companions + 1 >= start.count:
+    many = frame.repeated(len(indices))
+    if effort.companions is None or effort.companions + 1 >= trials.count:
         found = newton.minimise(
-            start, many, effort.steps, damping=damping, width_min=width_min, leash=leash
+            trials, many, effort.steps, damping=damping, width_min=width_min, leash=leash
         )
         return found.lobes, found.value
-    shown = lobe_images.images(start, many.places)
-    each = torch.arange(len(trials), device=start.axes.device)[:, None]
+    shown = lobe_images.images(trials, many.places)
+    each = torch.arange(len(indices), device=trials.axes.device)[:, None]
     moving = each, _together(shown, many, indices, effort.companions + 1)
     some = shown.light[moving].mT @ shown.values[moving]
     found = newton.minimise(
-        _of(start, moving),
+        _of(trials, moving),
         objective.less(many, shown.radiance - some),
         effort.steps,
         damping=damping,
         width_min=width_min,
         leash=None if leash is None else Leash(leash.axis_z[moving[1]], leash.cosine[moving[1]]),
     )
-    result = start.clone()
+    result = trials.clone()
     result.axes[moving], result.sharpness[moving] = found.lobes.axes, found.lobes.sharpness
     result.amplitude[moving] = found.lobes.amplitude
     return result, found.value

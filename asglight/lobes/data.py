@@ -137,6 +137,16 @@ def stack(frames: list[Lobes]) -> Lobes:
     )
 
 
+def joined(one: Lobes, other: Lobes) -> Lobes:
+    """Return the frames of two, the other's last.  [F, N, .] and [F', N, .] -> [F + F', N, .]."""
+    return Lobes(
+        axes=torch.cat([one.axes, other.axes]),
+        sharpness=torch.cat([one.sharpness, other.sharpness]),
+        amplitude=torch.cat([one.amplitude, other.amplitude]),
+        form=one.form,
+    )
+
+
 def chosen(first: Tensor, one: Lobes, other: Lobes) -> Lobes:
     """Return the one's lobes in some frames and the other's elsewhere.
 

@@ -25,6 +25,14 @@ def reference() -> Tensor:
     return sky_and_sun(25.0, 128) + 0.5 * noise
 
 
+@pytest.fixture(scope="module")
+def cloudy() -> Tensor:
+    """A sky with a sun and many patches 30 degrees wide, for few lobes.  [128, 256, 3]."""
+    patches = torch.rand(1, 3, 6, 12, generator=torch.Generator().manual_seed(1)).pow(4)
+    smooth = torch.nn.functional.interpolate(patches, size=(128, 256), mode="bicubic").clamp(min=0)
+    return sky_and_sun(25.0, 128) + 2 * smooth[0].movedim(0, -1)
+
+
 def _frame(reference: Tensor) -> objective.Target:
     return first_frame.on_fine_leaves(first_frame.exposed(reference))
 
@@ -100,15 +108,15 @@ def test_the_weight_of_one_error_adds_its_own_part_of_j(reference: Tensor) -> No
     torch.testing.assert_close(total, own, rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize("behind", [0, 3])
-def test_the_error_that_lags_behind_most_goes_down(reference: Tensor, behind: int) -> None:
-    frame, end = _frame(reference), _end(reference)
+@pytest.mark.parametrize("behind", [1, 3])
+def test_the_error_that_lags_behind_most_goes_down(cloudy: Tensor, behind: int) -> None:
+    frame, end = _frame(cloudy), _end(cloudy)
     aim = 10 * balance.lags(end, frame, torch.ones(5))
     aim[behind] /= 20  # twice what it is to be
     found = balance.balanced(end, frame, aim, 1e-3)
     before, after = balance.lags(end, frame, aim), balance.lags(found, frame, aim)
     assert float(before[behind]) == pytest.approx(2, rel=1e-3)
-    assert float(after[behind]) < float(before[behind])
+    assert float(after[behind]) < 0.98 * float(before[behind])
     assert float(after.max()) == float(after[behind])
     assert found.shown is not None
     torch.testing.assert_close(found.value, objective.value(found.shown.radiance, frame))

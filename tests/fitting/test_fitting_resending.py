@@ -49,12 +49,17 @@ def _started(frame: objective.Target, lobes: Lobes) -> Lobes:
     return newton.minimise(lobes[None], frame, 30).lobes[0]
 
 
+def _resent(lobes: Lobes, before: Lobes, frame: objective.Target) -> resending.Resent | None:
+    loss = float(newton.minimise(lobes[None], frame, 0).value)
+    return resending.resent(lobes, before, frame, loss, 0.0, THOROUGH)
+
+
 def test_a_drowned_lobe_is_sent_to_the_panel_that_one_lobe_stands_for() -> None:
     # the panel is 50 degrees long, with a sky of a thousandth of its light
     maps = _panel(90.0, (25.0, 5.0), 50.0) + 0.001
     frame = _target(maps)
     fitted = _started(frame, lamps([(1, 0, 0), FAINT], [8.0, 3.0], [20.0, 0.002]))
-    going = resending.resent(fitted, fitted, frame, 0.0, THOROUGH)
+    going = _resent(fitted, fitted, frame)
     assert going is not None
     assert going.index == 1
     assert float(going.lobe.amplitude.max()) == 0
@@ -66,21 +71,21 @@ def test_a_lobe_that_is_seen_stays() -> None:
     frame = _target(maps)
     fitted = _started(frame, lamps([(1, 0, 0), (-1, 0, 0)], [8.0, 80.0], [20.0, 20.0]))
     assert float(asg.flux(fitted).sum(-1).amin()) > 0.01 * float(asg.flux(fitted).sum())
-    assert resending.resent(fitted, fitted, frame, 0.0, THOROUGH) is None
+    assert _resent(fitted, fitted, frame) is None
 
 
 def test_a_lobe_that_was_seen_a_frame_ago_stays() -> None:
     frame = _target(_panel(90.0, (25.0, 5.0), 50.0) + 0.001)
     fitted = _started(frame, lamps([(1, 0, 0), FAINT], [8.0, 3.0], [20.0, 0.002]))
     before = lamps([(1, 0, 0), FAINT], [8.0, 3.0], [20.0, 10.0])
-    assert resending.resent(fitted, before, frame, 0.0, THOROUGH) is None
+    assert _resent(fitted, before, frame) is None
 
 
 def test_nothing_goes_where_the_fit_is_good() -> None:
     truth = lamps([LAMP, FAINT], [80.0, 40.0], [20.0, 0.02])
     frame = _target(texels.texel_means(truth, HEIGHT, 2 * HEIGHT))
     fitted = _started(frame, lamps([LAMP, FAINT], [60.0, 40.0], [20.0, 0.02]))
-    assert resending.resent(fitted, fitted, frame, 0.0, THOROUGH) is None
+    assert _resent(fitted, fitted, frame) is None
 
 
 @pytest.mark.parametrize("lobes", [5, 8])

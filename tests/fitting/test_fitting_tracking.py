@@ -29,12 +29,16 @@ def _map(scene: Lobes, height: int = 64) -> Tensor:
     return texels.texel_means(scene, height, 2 * height).float().flatten(0, 1).mT[None].contiguous()
 
 
+def _claims(lobes: Lobes, frame: objective.Target) -> Tensor:
+    return tracking.claims(lobe_images.images(lobes, frame.places))
+
+
 def _drawn(lobes: Lobes, frame: objective.Target, width_min: float) -> Lobes:
-    return tracking.drawn(lobes, tracking.claims(lobes, frame), frame, width_min)
+    return tracking.drawn(lobes, _claims(lobes, frame), frame, width_min)
 
 
 def _found_again(lobes: Lobes, frame: objective.Target) -> Lobes | None:
-    return tracking.found_again(lobes, tracking.claims(lobes, frame), frame)
+    return tracking.found_again(lobes, _claims(lobes, frame), frame)
 
 
 def _angle(first: Tensor, second: tuple[float, float, float]) -> float:
