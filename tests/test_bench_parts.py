@@ -50,7 +50,7 @@ def test_a_shot_is_fitted_whole_and_in_parts(
     assert head.startswith("| fit | irr | r0.5 |")
     names = [row.split(" | ")[0].strip("| ") for row in rows]
     assert names == ["one fit", "parts", "parts from nothing"]
-    # with a preroll parts of live are the one fit, but for how one or two threads round sums
+    # with a preroll parts of live are the one fit, but for what each by itself leaves out
     whole, cut = ([float(cell) for cell in row.split(" | ")[1:6]] for row in rows[:2])
     assert cut == pytest.approx(whole, abs=2.1e-4)
 

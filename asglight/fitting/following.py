@@ -39,8 +39,8 @@ class Pursuit:
     Attributes:
         coarse: Steps on the grid on which starts compete, a quarter of the cells.
         whole: Steps on the whole map.
-        hurried: Steps on the whole map where lobes are free, whose trials take time; None for those
-            of the others.
+        hurried: Steps on the whole map where lobes are free, whose trials take time; if empty,
+            those of `whole`.
         sending: What is spent where lobes are free (sending.py). The steps that the others take
             there stand for the coarse ones.
         resting: Steps of the others where a lobe that the frame can spare goes dark (resending.py).
@@ -49,7 +49,7 @@ class Pursuit:
 
     coarse: tuple[Level, ...]
     whole: tuple[Level, ...]
-    hurried: tuple[Level, ...] | None = None
+    hurried: tuple[Level, ...] = ()
     sending: Sending = SENDING
     resting: tuple[Level, ...] = (Level(2, Corners(0.1, 0.005)),)
     anew: bool = True
@@ -137,7 +137,7 @@ def fit_next_frame(
     width_min = narrowest(frame.height)
     outcome, unlike = _started(before, earlier, coarse, leash, width_min)
     sends = bool(free.any())
-    levels = (effort.hurried if sends else None) or effort.whole
+    levels = effort.hurried if sends and effort.hurried else effort.whole
     competing = replace(coarse, corners=levels[-1].corners)
     if sends:
         lit = lit_where_worth(outcome, free, competing, leash, width_min, effort.sending)
