@@ -85,8 +85,8 @@ def soft_to_sharp(rounds: int) -> tuple[Level, ...]:
 
 
 FAST = Effort((math.inf,), soft_to_sharp(rounds=4))
-"""Over ten maps J of four was 2 to 4 % lower than with two rounds, and of one a sixth, before rounds
-came last; six gained less than 1 % more."""
+"""Before rounds came last, J of four was 2 to 4 % lower than with two over ten maps, of one a
+sixth; six gained less than 1 % more."""
 
 BEST = Effort((math.inf, 30.0, 4.0), soft_to_sharp(rounds=30), several=True)
 """Rounds in which every split can be tried; over ten maps J still falls by 2 % after 12 of them,
