@@ -40,12 +40,12 @@ def early(rounds: int) -> tuple[Level, ...]:
 EFFORTS = {
     "fast": FAST,
     "best": BEST,
-    "fast, spreads count up to 30 degrees": Effort((30.0,), FAST.levels),
-    "fast, up to 4 degrees": Effort((4.0,), FAST.levels),
-    "fast, up to 1 degree": Effort((1.0,), FAST.levels),
-    "fast without splits": Effort(FAST.spreads_deg, soft_to_sharp(rounds=0)),
-    "fast, 6 rounds of splits": Effort(FAST.spreads_deg, soft_to_sharp(rounds=6)),
-    "fast, 2 rounds while corners are soft": Effort(FAST.spreads_deg, early(rounds=2)),
+    "fast, spreads count up to 30 degrees": replace(FAST, spreads_deg=(30.0,)),
+    "fast, up to 4 degrees": replace(FAST, spreads_deg=(4.0,)),
+    "fast, up to 1 degree": replace(FAST, spreads_deg=(1.0,)),
+    "fast without splits": replace(FAST, levels=soft_to_sharp(rounds=0)),
+    "fast, 6 rounds of splits": replace(FAST, levels=soft_to_sharp(rounds=6)),
+    "fast, 2 rounds while corners are soft": replace(FAST, levels=early(rounds=2)),
 }
 
 

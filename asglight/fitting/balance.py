@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`best`: no error of a first frame lags behind the others.
+"""No error of a first frame lags behind the others.
 
 J adds up errors, so a fit may be far ahead in one and behind in another: in a room with two hard
 lamps J lies on the map, and in a forest on the light. What a map's errors can come to differs by
 a hundred from map to map, so each is measured against that of a yardstick, the same number of
-isotropic lobes after expectation-maximisation, of which a fit is to leave `AIMS`. Where an error is
+isotropic lobes after expectation-maximisation, of which a fit is to leave a share. Where one is
 above its aim, its weight in J grows until it is not or nothing is gained: the largest ratio goes
 down, the Chebyshev scalarisation of several aims [Miettinen 1999, Nonlinear Multiobjective
 Optimization]. No weight goes below that of J: an error with room to spare is not spent.
@@ -23,9 +23,6 @@ from asglight.lobes import Lobes
 
 ERRORS = ("env", "irr", "irrMax", "r0.5", "r0.25")
 """Of `errors`, as asglight.judging names them."""
-
-AIMS = (0.845, 0.31, 0.31, 0.375, 0.67)
-"""Shares of the yardstick's errors that a fit is to leave."""
 
 ENOUGH = (1e-2, 2e-4, 1e-3, 5e-4, 1e-3)
 """Errors that need not be less, whatever the yardstick's: no picture shows them."""
@@ -70,16 +67,17 @@ def errors(radiance: Tensor, frame: Target) -> Tensor:
     return torch.stack(found, dim=-1)[0]
 
 
-def aims(yardstick: Lobes, frame: Target) -> Tensor:
+def aims(yardstick: Lobes, frame: Target, left: tuple[float, ...]) -> Tensor:
     """Return the errors that a fit is to come to, in the order of `ERRORS`.
 
     Args:
         yardstick: Lobes that took no steps.  [N, .]
         frame: The map.  F = 1
+        left: Shares of the yardstick's errors that a fit is to leave.
     """
     shown = lobe_images.images(yardstick[None], frame.places)
     found = errors(shown.radiance, frame)
-    return torch.maximum(found * found.new_tensor(AIMS), found.new_tensor(ENOUGH))
+    return torch.maximum(found * found.new_tensor(left), found.new_tensor(ENOUGH))
 
 
 def lags(found: newton.Outcome, frame: Target, aim: Tensor) -> Tensor:

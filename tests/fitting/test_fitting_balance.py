@@ -74,11 +74,12 @@ def test_aims_are_shares_of_the_yardsticks_errors_down_to_what_is_enough(
 ) -> None:
     frame, lobes = _frame(reference), _mixture(reference, 6)
     own = balance.errors(lobe_images.images(lobes[None], frame.places).radiance, frame)
-    expected = torch.maximum(own * torch.tensor(balance.AIMS), torch.tensor(balance.ENOUGH))
-    assert torch.equal(balance.aims(lobes, frame), expected)
+    left = (0.9, 0.5, 0.4, 0.3, 0.2)
+    expected = torch.maximum(own * torch.tensor(left), torch.tensor(balance.ENOUGH))
+    assert torch.equal(balance.aims(lobes, frame, left), expected)
     even = _frame(torch.ones(64, 128, 3))
     shown = Lobes(torch.eye(3)[None], torch.full((1, 2), 1e-6), torch.ones(1, 3), Form.SG)
-    torch.testing.assert_close(balance.aims(shown, even), torch.tensor(balance.ENOUGH))
+    torch.testing.assert_close(balance.aims(shown, even, left), torch.tensor(balance.ENOUGH))
 
 
 def test_weights_of_j_that_all_grow_alike_scale_it(reference: Tensor) -> None:
