@@ -23,7 +23,7 @@ from asglight.fitting.first_frame import (
 )
 from asglight.fitting.objective import Corners
 from asglight.fitting.rearranging import rearranged
-from asglight.fitting.resending import Resent, resent
+from asglight.fitting.resending import WORTH, Resent, resent
 from asglight.fitting.sending import SENDING, Sending, is_free, lit_where_worth
 from asglight.fitting.tracking import claims, drawn, found_again
 from asglight.fitting.trials import Effort
@@ -41,30 +41,39 @@ class Pursuit:
         whole: Steps on the whole map.
         hurried: Steps on the whole map where lobes are free, whose trials take time; if empty,
             those of `whole`.
-        sending: What is spent where lobes are free (sending.py). The steps that the others take
-            there stand for the coarse ones.
-        resting: Steps of the others where a lobe that the frame can spare goes dark (resending.py).
+        sending: What is spent where lobes are free (sending.py), the more the higher the loss that
+            a frame starts from. The steps that the others take there stand for the coarse ones.
         anew: Whether a frame is fitted from nothing where rearranging lobes gains too little.
     """
 
     coarse: tuple[Level, ...]
     whole: tuple[Level, ...]
     hurried: tuple[Level, ...] = ()
-    sending: Sending = SENDING
-    resting: tuple[Level, ...] = (Level(2, Corners(0.1, 0.005)),)
+    sending: tuple[Sending, ...] = (SENDING,)
     anew: bool = True
+
+    def sending_at(self, loss: float) -> Sending | None:
+        """Return what is spent on free lobes in a frame that starts from a loss; None if nothing.
+
+        Args:
+            loss: J of the lobes of the frame before, moved on and lit.
+        """
+        return next((each for each in reversed(self.sending) if loss >= each.loss), None)
 
 
 LIVE = Pursuit(
     coarse=(Level(2, Corners(0.1, 0.005)),),
     whole=(Level(2, Corners(0.1, 0.005)), Level(2, Corners(0.1, 0.002))),
     hurried=(Level(2, Corners(0.1, 0.005)),),
-    sending=Sending(before=2, trial=Effort(steps=2, companions=2)),
-    resting=(),
+    sending=(
+        Sending(before=2, trial=Effort(steps=2, companions=2), loss=WORTH),
+        Sending(before=4, trial=Effort(steps=3, companions=3), loss=0.12),
+    ),
     anew=False,
 )
 """Coarse steps bring most of the way, for less; more of them than of the whole map's
-lead away from what that asks for."""
+lead away from what that asks for. Trials cost time, and a third of r0.5 in a tunnel stands in the
+tenth of its frames whose lobes start far from the lamps: these get most."""
 
 FAST = Pursuit((), (Level(4, Corners(0.3, 0.02)), Level(8, Corners(0.1, 0.005))))
 """With six and ten, r0.5 of slow shots is 0 to 2 % smaller for a fifth more time."""
@@ -77,6 +86,9 @@ BEST = Pursuit(
         Level(24, Corners(0.1, 0.002)),
     ),
 )
+
+RESTING = (Level(2, Corners(0.1, 0.005)),)
+"""Steps of the others where a lobe that the frame can spare goes dark (resending.py)."""
 
 FORETELL_DEG = 20.0
 """A lobe that moved further went dark and was sent elsewhere; that foretells nothing."""
@@ -136,11 +148,12 @@ def fit_next_frame(
     coarse = objective.trial_target(frame.radiance, effort.whole[0].corners)
     width_min = narrowest(frame.height)
     outcome, unlike = _started(before, earlier, coarse, leash, width_min)
-    sends = bool(free.any())
+    sending = effort.sending_at(float(outcome.value))
+    sends = sending is not None and bool(free.any())
     levels = effort.hurried if sends and effort.hurried else effort.whole
     competing = replace(coarse, corners=levels[-1].corners)
-    if sends:
-        lit = lit_where_worth(outcome, free, competing, leash, width_min, effort.sending)
+    if sending is not None and sends:
+        lit = lit_where_worth(outcome, free, competing, leash, width_min, sending)
         outcome = replace(outcome, lobes=lit[None])
     held = temporal.prior(outcome.lobes)
     outcome = _stepped(outcome, coarse, () if sends else effort.coarse, held, leash, width_min)
@@ -162,9 +175,11 @@ def fit_next_frame(
             return fresh
     lit = align(light.relit(outcome, whole).lobes[0], before)
     waits = bool((free & temporal.is_dark(lit)).any())  # one is on its way already
-    going = None if waits else resent(lit, before, competing, loss, width_min, effort.sending.trial)
+    going = None
+    if sending is not None and not waits:
+        going = resent(lit, before, competing, loss, width_min, sending.trial)
     if going is not None:
-        lit = _without(lit, going, whole, effort.resting, leash, width_min)
+        lit = _without(lit, going, whole, leash, width_min)
     return with_flux_of(lit, frame, float(outcome.value))
 
 
@@ -172,7 +187,6 @@ def _without(
     lobes: Lobes,
     going: Resent,
     frame: objective.Target,
-    levels: tuple[Level, ...],
     leash: Leash,
     width_min: float,
 ) -> Lobes:
@@ -180,7 +194,7 @@ def _without(
     rest = torch.tensor([index for index in range(lobes.count) if index != going.index])
     others = lobes.select(rest)[None]
     held = Leash(leash.axis_z[rest], leash.cosine[rest])
-    outcome = _afresh(others, frame, levels, held, width_min)
+    outcome = _afresh(others, frame, RESTING, held, width_min)
     lit = lobes.replaced(rest, light.relit(outcome, frame).lobes[0])
     return lit.replaced(torch.tensor([going.index]), going.lobe)
 

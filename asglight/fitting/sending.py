@@ -45,10 +45,12 @@ class Sending:
     Attributes:
         before: Steps of the lit lobes on few leaves before the first trial.
         trial: What each trial takes.
+        loss: J of a frame's start from which it is spent.
     """
 
     before: int
     trial: Effort
+    loss: float = 0.0
 
 
 SENDING = Sending(4, THOROUGH)

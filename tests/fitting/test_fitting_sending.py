@@ -91,6 +91,41 @@ def test_a_dark_lobe_that_is_not_free_is_not_sent() -> None:
     assert float(angle_deg(found.axis_z[1], lobes.axis_z[1])) < LEASH_DEG + 0.05  # of float32
 
 
+def test_live_spends_the_more_the_further_lobes_are_from_the_lamps() -> None:
+    spent = [following.LIVE.sending_at(loss) for loss in (0.0, 0.03, 0.08, 0.3)]
+    assert spent[:2] == [None, None]  # as good as lit from nothing: nowhere is worth a lobe
+    near, far = spent[2:]
+    assert near is not None
+    assert far is not None
+    assert near.before < far.before
+    assert near.trial.steps < far.trial.steps
+    assert following.FAST.sending_at(0.0) == sending.SENDING
+
+
+def test_live_sends_a_free_lobe_to_a_new_lamp_and_none_where_all_stand(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    maps = [
+        texels.texel_means(lamps(places, sharp, power), HEIGHT, 2 * HEIGHT)
+        for places, sharp, power in (([A], [80.0], [10.0]), ([A, B], [80.0, 60.0], [10.0, 8.0]))
+    ]
+    before = lamps([A, BELOW], [80.0, 40.0], [10.0, 0.0])
+    asked = []
+    wanted = following.lit_where_worth
+    monkeypatch.setattr(
+        following, "lit_where_worth", lambda *args: asked.append(args[-1]) or wanted(*args)
+    )
+    still, found = (
+        following.fit_next_frame(each, before, before, following.LIVE).lobes for each in maps
+    )
+    assert asked == [following.LIVE.sending[-1]]
+    assert bool(temporal.is_dark(still)[1])
+    assert (
+        float(angle_deg(found.axis_z[1], torch.nn.functional.normalize(torch.tensor(B), dim=0)))
+        < 1.0
+    )
+
+
 def _overhead(degrees: float) -> Tensor:
     """Return a lamp on its way over the zenith, above a dim sky and two lamps that stand."""
     angle = math.radians(degrees)
