@@ -51,10 +51,10 @@ figures: setup   ## the paper's figures on MAPS and SEQUENCES, into docs/figures
 	$(BIN)/python benchmarks/docs_figures.py figures-output docs
 
 test: setup      ## all tests, a file of them on each core at a time
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-fast: setup ## the tests of less than ten seconds each
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'
+	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'
 
 soak: setup      ## 100,000 damaged files, 110 faults, 10,000 frames: within half an hour (soak-output/)
 	OMP_NUM_THREADS=1 $(BIN)/python -m soak.measure -o soak-output

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""OpenGL for the tests of several rooms; neither a display nor a GPU is needed."""
+"""One thread, and OpenGL for the tests of several rooms; neither a display nor a GPU is needed."""
 
 import os
 from collections.abc import Iterator
@@ -11,6 +11,10 @@ from asglight.errors import InputError
 
 if TYPE_CHECKING:
     import moderngl
+
+# Before torch is imported: each core has a file of tests of its own, and OpenMP with threads hangs
+# in a process forked off (soak/shot.py).
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 @pytest.fixture
