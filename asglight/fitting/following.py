@@ -148,15 +148,16 @@ def fit_next_frame(
     coarse = objective.trial_target(frame.radiance, effort.whole[0].corners)
     width_min = narrowest(frame.height)
     outcome, unlike = _started(before, earlier, coarse, leash, width_min)
-    sending = effort.sending_at(float(outcome.value))
-    sends = sending is not None and bool(free.any())
-    levels = effort.hurried if sends and effort.hurried else effort.whole
+    worth = effort.sending_at(float(outcome.value))
+    sending = worth if bool(free.any()) else None
+    levels = effort.hurried if sending is not None and effort.hurried else effort.whole
     competing = replace(coarse, corners=levels[-1].corners)
-    if sending is not None and sends:
+    if sending is not None:
         lit = lit_where_worth(outcome, free, competing, leash, width_min, sending)
         outcome = replace(outcome, lobes=lit[None])
     held = temporal.prior(outcome.lobes)
-    outcome = _stepped(outcome, coarse, () if sends else effort.coarse, held, leash, width_min)
+    if sending is None:
+        outcome = _stepped(outcome, coarse, effort.coarse, held, leash, width_min)
     outcome = replace(outcome, shown=None)  # now on the leaves of the whole map
     outcome = _stepped(outcome, whole, levels, held, leash, width_min)
     if float(outcome.value) > SUSPECT_LOSS:
@@ -176,8 +177,8 @@ def fit_next_frame(
     lit = align(light.relit(outcome, whole).lobes[0], before)
     waits = bool((free & temporal.is_dark(lit)).any())  # one is on its way already
     going = None
-    if sending is not None and not waits:
-        going = resent(lit, before, competing, loss, width_min, sending.trial)
+    if worth is not None and not waits:
+        going = resent(lit, before, competing, loss, width_min, worth.trial)
     if going is not None:
         lit = _without(lit, going, whole, leash, width_min)
     return with_flux_of(lit, frame, float(outcome.value))

@@ -93,7 +93,7 @@ def test_a_dark_lobe_that_is_not_free_is_not_sent() -> None:
 
 def test_live_spends_the_more_the_further_lobes_are_from_the_lamps() -> None:
     spent = [following.LIVE.sending_at(loss) for loss in (0.0, 0.03, 0.08, 0.3)]
-    assert spent[:2] == [None, None]  # as good as lit from nothing: nowhere is worth a lobe
+    assert spent[:2] == [None, None]  # little is wrong: no place is worth a trial
     near, far = spent[2:]
     assert near is not None
     assert far is not None
@@ -120,10 +120,8 @@ def test_live_sends_a_free_lobe_to_a_new_lamp_and_none_where_all_stand(
     )
     assert asked == [following.LIVE.sending[-1]]
     assert bool(temporal.is_dark(still)[1])
-    assert (
-        float(angle_deg(found.axis_z[1], torch.nn.functional.normalize(torch.tensor(B), dim=0)))
-        < 1.0
-    )
+    lamp = torch.nn.functional.normalize(torch.tensor(B), dim=0)
+    assert float(angle_deg(found.axis_z[1], lamp)) < 1.0
 
 
 def _overhead(degrees: float) -> Tensor:
