@@ -20,6 +20,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from asglight.cli.parser import one_line
+from asglight.errors import InputError
 from asglight.fitting import lobe_images, measures
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.fitting.probes import probe, split
@@ -64,8 +66,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"--afresh {min(options.afresh)}; expected one or more")
     if options.turns < 1:
         parser.error(f"--turns {options.turns}; expected one or more")
-    sequence = open_sequence(options.sequence)
-    maps = [sequence.read(frame).radiance for frame in sequence.frames[: options.frames]]
+    try:
+        sequence = open_sequence(options.sequence)
+        maps = [sequence.read(frame).radiance for frame in sequence.frames[: options.frames]]
+    except InputError as error:
+        parser.error(one_line(str(error)))
     if len(maps) < 2:
         parser.error(f"{options.sequence}: {len(maps)} frame; expected two or more to follow")
     turned = ways(maps, options.turns)

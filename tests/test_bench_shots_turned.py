@@ -97,3 +97,13 @@ def test_a_sequence_is_read_and_followed(
     with pytest.raises(SystemExit):
         shots_turned.main([str(tmp_path), "--turns", "0"])
     assert "--turns 0; expected one or more" in capsys.readouterr().err
+
+
+def test_a_folder_without_images_is_told_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        shots_turned.main([str(tmp_path)])
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert str(tmp_path) in last
+    assert "holds no image" in last

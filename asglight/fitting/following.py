@@ -72,8 +72,8 @@ LIVE = Pursuit(
     anew=False,
 )
 """Coarse steps bring most of the way, for less; more of them than of the whole map's
-lead away from what that asks for. Trials cost time, and a third of r0.5 in a tunnel stands in the
-tenth of its frames whose lobes start far from the lamps: these get most."""
+lead away from what that asks for. Trials cost time, and in a tunnel half of r0.5 stands in the
+three frames in ten whose lobes start far from the lamps: these get most."""
 
 FAST = Pursuit((), (Level(4, Corners(0.3, 0.02)), Level(8, Corners(0.1, 0.005))))
 """With six and ten, r0.5 of slow shots is 0 to 2 % smaller for a fifth more time."""
