@@ -46,18 +46,19 @@ class Effort:
     """How much is spent on a first frame.
 
     Attributes:
-        spreads_deg: `seeding.split`'s spread of each start; one, but for `several`.
+        spreads_deg: `seeding.seed_lobes`' spread of each start; the best end is taken (starts.py).
         levels: What is done with each, one level after the other.
         left: Shares of the errors of an even mixture that a fit is to leave; errors that lag
             behind are brought forward (balance.py).
-        several: Whether each start takes its last steps on more leaves, on which starts are then
-            chosen (starts.py).
+        finishing: Steps after the levels, on more leaves.
+        in_turn: Whether a start is followed only where the ends of those before lag far behind.
     """
 
-    spreads_deg: tuple[float, ...]
+    spreads_deg: tuple[float | None, ...]
     levels: tuple[Level, ...]
     left: tuple[float, ...]
-    several: bool = False
+    finishing: int
+    in_turn: bool = False
 
 
 LAST = Level(15, Corners(0.1, 0.002))
@@ -87,20 +88,29 @@ def soft_to_sharp(rounds: int) -> tuple[Level, ...]:
     )
 
 
-FAST = Effort((math.inf,), soft_to_sharp(rounds=4), (0.9, 0.42, 0.42, 0.5, 0.75))
+FAST = Effort(
+    (math.inf, None),
+    soft_to_sharp(rounds=4),
+    (0.9, 0.42, 0.42, 0.5, 0.75),
+    finishing=8,
+    in_turn=True,
+)
 """Before rounds came last, J of four was 2 to 4 % lower than with two over ten maps, of one a
 sixth; six gained less than 1 % more."""
 
 BEST = Effort(
-    (math.inf, 30.0, 4.0), soft_to_sharp(rounds=30), (0.845, 0.31, 0.31, 0.375, 0.67), several=True
+    (math.inf, 30.0, 4.0, None),
+    soft_to_sharp(rounds=30),
+    (0.845, 0.31, 0.31, 0.375, 0.67),
+    finishing=15,
 )
 """Rounds in which every split can be tried; over ten maps J still falls by 2 % after 12 of them,
 in one fit by a fifth."""
 
 FINE_ROWS, FINE_REFINED = 128, 256
-"""Of the leaves on which `LAST` is repeated. After many splits a lobe may have become a streak so
-thin that the usual ones see it between their centres: on one map a twentieth of the light was in
-one, and J 8 % larger than they showed."""
+"""Of the leaves of the last steps. After splits a lobe may have become a streak so thin that the
+usual ones see it between their centres: on one map a twentieth of the light was in one, and J 8 %
+larger than they showed."""
 
 ROWS_MIN = 16
 """Of the grid that a map is fitted on. Lobes are seen at the centres of cells, which tells little
@@ -184,7 +194,7 @@ def fit_first_frame(
         return FrameFit(dark_lobes(count, first, reference), 0.0, 0.0)
     cells = seeding.cells(reference / frame.exposure)
     whole, coarse = objective.target(frame.radiance), objective.trial_target(frame.radiance)
-    last = on_fine_leaves(frame) if effort.several else replace(whole, corners=LAST.corners)
+    last = on_fine_leaves(frame)
     width_min = narrowest(frame.height)
 
     def finish(seed: Lobes, weights: Tensor | None, report: newton.OnStep | None) -> newton.Outcome:
@@ -194,20 +204,18 @@ def fit_first_frame(
             frames = [balance.weighed(each, weights) for each in frames]
         found = descend(seed[None], *frames[:2], effort.levels, width_min, report)
         return newton.minimise(
-            found.lobes, frames[2], LAST.steps, width_min=width_min, on_step=report
+            found.lobes, frames[2], effort.finishing, width_min=width_min, on_step=report
         )
 
     def aim() -> Tensor:
         """Return what errors are to come to on the last leaves."""
-        return balance.aims(seeding.even_mixture(cells, count), last, effort.left)
+        return balance.aims(seeding.seed_lobes(cells, count, Form.SG, None), last, effort.left)
 
     def fitted(form: Form) -> newton.Outcome:
         """Return the end of the best start."""
         seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
-        if effort.several:
-            return starts.best_end(seeds, finish, last, aim(), width_min, on_step)
-        found = descend(seeds[0][None], whole, coarse, effort.levels, width_min, on_step)
-        return balance.balanced(found, last, aim(), width_min)
+        best = starts.best_in_turn if effort.in_turn else starts.best_end
+        return best(seeds, finish, last, aim(), width_min, on_step)
 
     found = fitted(first)
     if form is None and flat_tops.promises(found.lobes, whole, width_min):

@@ -99,7 +99,7 @@ DAMPING_START = 0.05
 LEASH_DEG = 9.9
 """From frame to frame a lit lobe turns by less than this: beyond 10 degrees it would be a jump."""
 
-UNLIKE, UNLIKE_LOSS = 5.0, 1 / 3
+UNLIKE, UNLIKE_LOSS = 4.0, 1 / 3
 """Loss of the lobes as they were, and of the fit, from which a frame is fitted afresh as well.
 Where lamps rush through a tunnel the one comes to 4, and under a sun that moves by its widths to
 10, but there the other stays low."""

@@ -2,9 +2,9 @@
 """Where frames are compared: coarse cells everywhere, texels where the map has detail.
 
 A map of 256 x 512 texels is mostly smooth at the scale of a lobe. Its leaves are the cells of a
-coarse grid, and in the few cells with most detail the texels themselves, so that a sun of one texel
-is one. The materials see the coarse grid, to which refined cells bring their texels' light each to
-its own place (splatting.py).
+coarse grid, and in the few cells with most detail and light the texels themselves, so that a sun of
+one texel is one. The materials see the coarse grid, to which refined cells bring their texels'
+light each to its own place (splatting.py).
 
 Images on leaves are [F, ..., P]: first all cells in order, then the texels cell by cell. A refined
 cell keeps its place among the cells, with no share of the sphere. Dimension letters: F frames,
@@ -25,6 +25,10 @@ point."""
 
 REFINED = 64
 """Cells of a frame that are refined. On five real maps 64 and 512 end at the same errors."""
+
+BRIGHT = 0.2
+"""What a cell's light counts beside its detail when refined cells are chosen. A wide lamp is even
+inside, but the narrow lobes that make it up are not: on its cells they would look as even as it."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,9 @@ class Leaves:
 
 
 def leaves(reference: Tensor, rows: int = BASE_ROWS, refined: int = REFINED) -> Leaves:
-    """Choose the leaves of each frame: the cells whose texels differ most from their mean.
+    """Choose the leaves of each frame: refined are cells with much detail or much light.
+
+    Detail is how far the cell's texels are from their mean.
 
     Args:
         reference: Radiance on the map's grid.  [F, 3, H * 2 H]
@@ -107,9 +113,9 @@ def leaves(reference: Tensor, rows: int = BASE_ROWS, refined: int = REFINED) -> 
     chosen = reference.new_zeros(len(reference), 0, dtype=torch.long)
     if refined:
         mean = repeated(coarsen(reference, fine_rows, rows), rows, fine_rows)
-        detail = (reference - mean).abs().sum(1) * fine.share
-        detail = cell_sums(detail, fine_rows, rows)
-        chosen = detail.topk(min(refined, detail.shape[-1]), dim=-1).indices
+        worth = ((reference - mean).abs() + BRIGHT * reference).sum(1) * fine.share
+        worth = cell_sums(worth, fine_rows, rows)
+        chosen = worth.topk(min(refined, worth.shape[-1]), dim=-1).indices
     texel = _texels_of(chosen, rows, fine_rows)
     return Leaves(
         rows=rows,

@@ -5,9 +5,10 @@ A map is a density of flux over the sphere. It is cut into N clusters of cells b
 time the cluster with the most flux and spread along its principal axis: the variance-minimisation
 cut [Viriyothai and Debevec 2009]. Other starts for the same map come from a spread that counts no
 more for being wider than some degrees: a small lamp with much of the light then gets more lobes.
-Expectation-maximisation then fits a mixture of isotropic densities to the flux [Banerjee et al.
-2005]: each lobe takes its share of every cell and moves to the mean and variance of what it took,
-and at the end to its in-plane covariance. Flux is kept exactly: each lobe's amplitude is the RGB
+A start from even directions finds other places than any cut. Expectation-maximisation then fits a
+mixture of isotropic densities to the flux [Banerjee et al. 2005]: each lobe takes its share of
+every cell and moves to the mean and variance of what it took, and at the end to its in-plane
+covariance. Flux is kept exactly: each lobe's amplitude is the RGB
 flux it took over its integral.
 
 A cell is a block of texels, the smaller the brighter, down to one texel. It is represented by its
@@ -31,6 +32,9 @@ CELL_ROWS = (32, 64, 128)
 shows of a point, and each next one is taken where the one before is bright."""
 
 EM_STEPS = 30
+
+EVEN_STEPS = 40
+"""From even directions, as the peer takes: so is found what a fit is held against (balance.py)."""
 
 BRIGHT_SHARE = 5e-4
 """Flux share from which a block is taken apart. At most 2,000 of a size can be."""
@@ -171,7 +175,7 @@ def _principal_spread(source: Cells, members: Tensor, half: float) -> tuple[floa
     return spread, axis, float(centre @ axis)
 
 
-def expectation_maximisation(source: Cells, labels: Tensor, count: int, form: Form) -> Lobes:
+def expectation_maximisation(source: Cells, taken: Tensor, form: Form, steps: int) -> Lobes:
     """Fit a mixture of isotropic densities to the cells' flux, and lobes to its parts.
 
     Anisotropic densities find worse starts: on ten maps, each at three angles, fits from them end
@@ -179,16 +183,15 @@ def expectation_maximisation(source: Cells, labels: Tensor, count: int, form: Fo
 
     Args:
         source: The cells.
-        labels: First cluster of each cell.  [C]
-        count: N.
+        taken: The share of each cell that each lobe takes at first.  [C, N]
         form: Lobe function.
+        steps: How many.
 
     Returns:
         Lobes in float32 whose flux is the map's.  [N, .]
     """
-    taken = torch.nn.functional.one_hot(labels, count).to(source.weight)  # [C, N]
     lobes = _maximisation(source, taken, Form.SG, None)
-    for _ in range(EM_STEPS):
+    for _ in range(steps):
         taken = _expectation(source, lobes, taken)
         lobes = _maximisation(source, taken, Form.SG, lobes)
     lobes = _maximisation(source, taken, form, lobes)
@@ -257,23 +260,34 @@ def sharpness_from_variance(variance: Tensor, form: Form) -> Tensor:
     return corrected.clamp(min=asg.SHARPNESS_MIN, max=asg.SHARPNESS_MAX)
 
 
-def seed_lobes(source: Cells, count: int, form: Form, spread_deg: float) -> Lobes:
-    """Return starting lobes for a map's cells; flat ones are found as asg.  [N, .]."""
-    if form is Form.FLAT:  # so measured; no other start was tried
-        return flat.as_flat(seed_lobes(source, count, Form.ASG, spread_deg))
-    return expectation_maximisation(source, split(source, count, spread_deg), count, form)
-
-
-def even_mixture(source: Cells, count: int) -> Lobes:
-    """Return isotropic lobes after the EM steps from even directions: what a fit is held against.
+def seed_lobes(source: Cells, count: int, form: Form, spread_deg: float | None) -> Lobes:
+    """Return starting lobes for a map's cells; flat ones are found as asg.
 
     Args:
-        source: The map.
+        source: The cells.
         count: N.
+        form: Lobe function.
+        spread_deg: Of the cut into clusters (`split`); None for no cut, but even directions.
 
     Returns:
-        The lobes, in units of the map.  [N, .]
+        In units of the map.  [N, .]
     """
-    even = fibonacci_directions(count).to(source.mean)
-    labels = (source.mean @ even.mT).argmax(-1)
-    return expectation_maximisation(source, labels, count, Form.SG)
+    if form is Form.FLAT:  # so measured; no other start was tried
+        return flat.as_flat(seed_lobes(source, count, Form.ASG, spread_deg))
+    if spread_deg is None:
+        return expectation_maximisation(source, _even(source, count), form, EVEN_STEPS)
+    labels = split(source, count, spread_deg)
+    taken = torch.nn.functional.one_hot(labels, count).to(source.weight)
+    return expectation_maximisation(source, taken, form, EM_STEPS)
+
+
+def _even(source: Cells, count: int) -> Tensor:
+    """Return what densities in even directions that just overlap take of each cell.  [C, N].
+
+    Start and steps are those of the peer (asglight/peers/vmf_em.py).
+    """
+    axes = axes_around(fibonacci_directions(count).to(source.mean))
+    sharpness = torch.full_like(axes[:, :2, 0], float(count))
+    start = Lobes(axes, sharpness, torch.ones_like(axes[:, 0]), Form.SG)
+    alike = torch.full_like(source.weight[:, None], 1 / count).expand(-1, count)
+    return _expectation(source, start, alike)

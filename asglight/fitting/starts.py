@@ -16,6 +16,9 @@ from asglight.lobes import Lobes
 AGAIN = 3
 """Starts that go once more, the nearest first, where what materials show lags behind."""
 
+NEAR = 1.15
+"""Largest lag of an end that steps alone bring forward (balance.py): no other start is followed."""
+
 Finish = Callable[[Lobes, Tensor | None, newton.OnStep | None], newton.Outcome]
 """Follows a start [N, .] to its end; with factors of J's weights [5], if they are given. The end is
 on the leaves on which ends are compared."""
@@ -97,6 +100,35 @@ def best_end(
         again = settled(reached(end.seed, weights), frame, aim, width_min, weights)
         best = min(best, again, key=lambda each: each.settled_order)
     return best.found
+
+
+def best_in_turn(
+    seeds: list[Lobes],
+    finish: Finish,
+    frame: objective.Target,
+    aim: Tensor,
+    width_min: float,
+    on_step: newton.OnStep | None = None,
+) -> newton.Outcome:
+    """Follow a start to its end, the next where that lags far behind; balance the nearest end.
+
+    Args:
+        seeds: Starts, one or more.  [N, .] each
+        finish: Follows one.
+        frame: The map on the leaves on which ends are compared.
+        aim: What errors are to come to there.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+        on_step: Called with the lobes of the first start, then with the best so far.
+    """
+    ends: list[tuple[float, newton.Outcome]] = []
+    for seed in seeds:
+        report = on_step if not ends or on_step is None else _still(on_step, ends[0][1].lobes)
+        found = finish(seed, None, report)
+        ends.append((float(balance.lags(found, frame, aim).max()), found))
+        ends.sort(key=lambda each: each[0])
+        if ends[0][0] <= NEAR:
+            break
+    return balance.balanced(ends[0][1], frame, aim, width_min)
 
 
 def settled(

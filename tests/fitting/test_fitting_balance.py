@@ -48,7 +48,7 @@ def _end(reference: Tensor, count: int = 5) -> newton.Outcome:
 
 def _mixture(reference: Tensor, count: int) -> Lobes:
     exposure = first_frame.exposed(reference).exposure
-    return seeding.even_mixture(seeding.cells(reference / exposure), count)
+    return seeding.seed_lobes(seeding.cells(reference / exposure), count, Form.SG, None)
 
 
 def test_errors_are_those_of_the_judge(reference: Tensor) -> None:

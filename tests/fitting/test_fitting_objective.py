@@ -190,7 +190,7 @@ def _flat_over_cells(case: tuple[int, int, int]) -> tuple[objective.Target, Leav
     height, rows, refined = case
     factor = height // rows
     maps = _maps(rows).repeat_interleave(factor, 1).repeat_interleave(factor, 2)
-    detail = _maps(height, seed=3)
+    detail = 10 * _maps(height, seed=3)  # and so the cells that are refined
     for index, cell in enumerate(range(7, 7 + 90 * refined, 90)):
         row, column = _block(cell + index, rows, height)
         maps[:, row, column] += detail[:, row, column]

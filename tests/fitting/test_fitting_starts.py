@@ -89,14 +89,36 @@ def test_the_starts_that_came_nearest_go_once_more_with_what_lags_behind_raised(
     assert float(balance.lags(found, frame, beyond)[3]) < min(wrong)
 
 
-def test_best_ends_on_finer_leaves_and_fast_does_not() -> None:
+def test_starts_in_turn_are_followed_while_ends_lag_far_behind() -> None:
+    seeds, frame, width_min = _starts()
+    asked: list[Lobes] = []
+    usual = _finish(frame, width_min)
+
+    def finish(seed: Lobes, weights: Tensor | None, report: newton.OnStep | None) -> newton.Outcome:
+        assert weights is None
+        asked.append(seed)
+        return usual(seed, weights, report)
+
+    ends = [usual(seed, None, None) for seed in seeds]
+    rough = [float(balance.lags(end, frame, torch.ones(5))[3]) for end in ends]
+    for lag, followed in ((0.99, 1), (0.99 * starts.NEAR, 1), (1.01 * starts.NEAR, 3)):
+        asked.clear()
+        aim = AHEAD.clone()
+        aim[3] = min(rough) / (100 * lag) if followed == 3 else rough[0] / lag
+        found = starts.best_in_turn(seeds, finish, frame, aim, width_min)
+        assert [id(each) for each in asked] == [id(each) for each in seeds[:followed]]
+        nearest = min(range(followed), key=lambda index: rough[index])
+        expected = balance.balanced(ends[nearest], frame, aim, width_min)
+        assert torch.equal(found.lobes.amplitude, expected.lobes.amplitude)
+
+
+def test_fits_end_on_finer_leaves() -> None:
     frame = first_frame.exposed(sky_and_sun(30.0, 256))
     fine = first_frame.on_fine_leaves(frame)
     usual = objective.target(frame.radiance)
     assert fine.places.share.shape[-1] > 3 * usual.places.share.shape[-1]
-    assert first_frame.BEST.several
-    assert not first_frame.FAST.several
-    assert len(first_frame.FAST.spreads_deg) == 1
+    assert first_frame.FAST.in_turn
+    assert not first_frame.BEST.in_turn
 
 
 def test_finer_leaves_see_the_light_of_a_streak_better() -> None:
