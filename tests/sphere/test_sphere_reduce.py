@@ -141,8 +141,9 @@ def test_strips_are_reduced_as_the_whole(
     radiance = _random_map(*source)
     strips = radiance.split(rows)
     reduced = latlong.reduce_strips(strips, source, *target)
+    # a row's area is a difference of sines, which near a pole are equal to two digits or three
     np.testing.assert_allclose(
-        reduced.numpy(), latlong.reduce(radiance, *target).numpy(), rtol=ROUNDING
+        reduced.numpy(), latlong.reduce(radiance, *target).numpy(), rtol=10 * ROUNDING
     )
 
 
