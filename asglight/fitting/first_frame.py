@@ -99,9 +99,9 @@ FAST = Effort(
 sixth; six gained less than 1 % more."""
 
 BEST = Effort(
-    (math.inf, 30.0, 4.0, None),
+    (math.inf, 4.0, None),
     soft_to_sharp(rounds=30),
-    (0.845, 0.31, 0.31, 0.375, 0.67),
+    (0.83, 0.31, 0.31, 0.375, 0.67),
     finishing=15,
 )
 """Rounds in which every split can be tried; over ten maps J still falls by 2 % after 12 of them,
