@@ -214,8 +214,9 @@ def fit_first_frame(
     def fitted(form: Form) -> newton.Outcome:
         """Return the end of the best start."""
         seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
-        best = starts.best_in_turn if effort.in_turn else starts.best_end
-        return best(seeds, finish, last, aim(), width_min, on_step)
+        return starts.best_end(
+            seeds, finish, last, aim(), width_min, on_step, in_turn=effort.in_turn
+        )
 
     found = fitted(first)
     if form is None and flat_tops.promises(found.lobes, whole, width_min):

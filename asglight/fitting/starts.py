@@ -63,6 +63,8 @@ def best_end(
     aim: Tensor,
     width_min: float,
     on_step: newton.OnStep | None = None,
+    *,
+    in_turn: bool = False,
 ) -> newton.Outcome:
     """Follow each start to its end, and return the end to take.
 
@@ -77,6 +79,7 @@ def best_end(
         aim: What errors are to come to there.
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes of the first start, then with the best so far.
+        in_turn: Follow a start only where the ends of those before lag far behind, none again.
     """
     ends: list[End] = []
 
@@ -90,6 +93,11 @@ def best_end(
 
     for seed in seeds:
         ends.append(reached(seed))
+        if in_turn and ends[-1].settled_order[0] <= NEAR:
+            break
+    if in_turn:
+        near = min(ends, key=lambda each: each.settled_order)
+        return balance.balanced(near.found, frame, aim, width_min)
     nearest = sorted(ends, key=lambda each: each.order)
     best = settled(nearest[0], frame, aim, width_min)
     going = nearest[:AGAIN] if best.behind > 1 else []
@@ -100,35 +108,6 @@ def best_end(
         again = settled(reached(end.seed, weights), frame, aim, width_min, weights)
         best = min(best, again, key=lambda each: each.settled_order)
     return best.found
-
-
-def best_in_turn(
-    seeds: list[Lobes],
-    finish: Finish,
-    frame: objective.Target,
-    aim: Tensor,
-    width_min: float,
-    on_step: newton.OnStep | None = None,
-) -> newton.Outcome:
-    """Follow a start to its end, the next where that lags far behind; balance the nearest end.
-
-    Args:
-        seeds: Starts, one or more.  [N, .] each
-        finish: Follows one.
-        frame: The map on the leaves on which ends are compared.
-        aim: What errors are to come to there.
-        width_min: Sigma of the narrowest lobe allowed, radians.
-        on_step: Called with the lobes of the first start, then with the best so far.
-    """
-    ends: list[tuple[float, newton.Outcome]] = []
-    for seed in seeds:
-        report = on_step if not ends or on_step is None else _still(on_step, ends[0][1].lobes)
-        found = finish(seed, None, report)
-        ends.append((float(balance.lags(found, frame, aim).max()), found))
-        ends.sort(key=lambda each: each[0])
-        if ends[0][0] <= NEAR:
-            break
-    return balance.balanced(ends[0][1], frame, aim, width_min)
 
 
 def settled(

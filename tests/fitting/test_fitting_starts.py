@@ -105,7 +105,7 @@ def test_starts_in_turn_are_followed_while_ends_lag_far_behind() -> None:
         asked.clear()
         aim = AHEAD.clone()
         aim[3] = min(rough) / (100 * lag) if followed == 3 else rough[0] / lag
-        found = starts.best_in_turn(seeds, finish, frame, aim, width_min)
+        found = starts.best_end(seeds, finish, frame, aim, width_min, in_turn=True)
         assert [id(each) for each in asked] == [id(each) for each in seeds[:followed]]
         nearest = min(range(followed), key=lambda index: rough[index])
         expected = balance.balanced(ends[nearest], frame, aim, width_min)
