@@ -213,7 +213,7 @@ def fit_first_frame(
 
     def fitted(form: Form) -> newton.Outcome:
         """Return the end of the best start."""
-        seeds = [seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg]
+        seeds = (seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg)
         return starts.best_end(
             seeds, finish, last, aim(), width_min, on_step, in_turn=effort.in_turn
         )

@@ -205,12 +205,14 @@ def _expectation(source: Cells, lobes: Lobes, taken: Tensor) -> Tensor:
     share = (source.weight @ taken).clamp(min=torch.finfo(torch.float64).tiny)
     centre = torch.nn.functional.normalize(source.mean, dim=-1)
     density = asg.unit_lobes(lobes, centre) / asg.integral(lobes)[:, None]  # [N, C]
-    likelihood = share[:, None] * density
-    # cells that no density reaches go to the nearest lobe
-    unreached = likelihood.sum(0) < 1e-250
-    nearest = torch.nn.functional.one_hot((lobes.axis_z @ centre.mT).argmax(0), lobes.count)
-    likelihood = torch.where(unreached, nearest.mT.to(likelihood), likelihood)
-    return (likelihood / likelihood.sum(0)).mT
+    likelihood = (share[:, None] * density).mT.contiguous()
+    total = likelihood.sum(-1, keepdim=True)
+    taken = likelihood / total
+    unreached = total[:, 0] < 1e-250
+    if bool(unreached.any()):  # cells that no density reaches go to the nearest lobe
+        nearest = (centre[unreached] @ lobes.axis_z.mT).argmax(-1)
+        taken[unreached] = torch.nn.functional.one_hot(nearest, lobes.count).to(taken)
+    return taken
 
 
 def _maximisation(source: Cells, taken: Tensor, form: Form, previous: Lobes | None) -> Lobes:

@@ -5,7 +5,7 @@ An end in which no error lags behind comes before one in which any does, and els
 lit best: starts were asked for the map as well, and some end with more of it at the cost of light.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from torch import Tensor
@@ -57,7 +57,7 @@ class End:
 
 
 def best_end(
-    seeds: list[Lobes],
+    seeds: Iterable[Lobes],
     finish: Finish,
     frame: objective.Target,
     aim: Tensor,
@@ -73,7 +73,7 @@ def best_end(
     made up for by steps alone.
 
     Args:
-        seeds: Starts, one or more.  [N, .] each
+        seeds: Starts, one or more, made as they are asked for.  [N, .] each
         finish: Follows one.
         frame: The map on the leaves on which ends are compared.
         aim: What errors are to come to there.
