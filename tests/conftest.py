@@ -18,6 +18,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 @pytest.fixture
+def torch_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let all steps be those of torch, as on a GPU."""
+    from asglight.fitting import compiled
+
+    monkeypatch.setattr(compiled, "LIBRARY", None)
+
+
+@pytest.fixture
 def opengl() -> Iterator["moderngl.Context"]:
     """An off-screen context that has no error before or after the test."""
     from asglight.viewer.context import standalone_context  # most rooms do without

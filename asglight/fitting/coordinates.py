@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from asglight.fitting import compiled
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import orthonormal, parallel_transport
 
@@ -81,6 +82,13 @@ def advance(
         width_min: Sigma of the narrowest lobe allowed, radians.
         leash: Bounds on the directions.
     """
+    limit = asg.SHARPNESS_MAX
+    if width_min > 0:
+        limit = min(limit, 1 / (asg.per_variance(lobes.form) * width_min**2))
+    if compiled.moves(lobes):
+        bounds = (TILT_MAX_WIDTHS, TILT_MAX, SHAPE_MAX, asg.SHARPNESS_MIN, limit)
+        held = None if leash is None else (leash.axis_z, leash.cosine)
+        return compiled.advance(lobes, step, bounds, held)
     step = step.to(lobes.axes.dtype)
     tilt, shape, light = step[..., :2], step[..., 2:5], step[..., 5:]
     widths = asg.per_variance(lobes.form) * lobes.sharpness
@@ -92,9 +100,6 @@ def advance(
         axis_z = leash.hold(torch.nn.functional.normalize(axis_z, dim=-1))
     sharpness, axis_x = _reshape(lobes, shape)
     axes = orthonormal(torch.stack([axis_x, lobes.axis_y, axis_z], dim=-2))
-    limit = asg.SHARPNESS_MAX
-    if width_min > 0:
-        limit = min(limit, 1 / (asg.per_variance(lobes.form) * width_min**2))
     sharpness = sharpness.clamp(min=asg.SHARPNESS_MIN, max=limit)
     amplitude = (lobes.amplitude + light).clamp(min=0) * concentration(lobes, sharpness)
     return Lobes(axes, sharpness, amplitude, lobes.form)

@@ -12,11 +12,12 @@ C cells, R refined cells of one frame, Q their texels, P = C + Q.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from asglight.fitting import splatting
+from asglight.fitting import compiled, splatting
 from asglight.fitting.grid import Grid, cell_sums, coarsen, coarser, grid, repeated
 
 BASE_ROWS = 64
@@ -83,6 +84,11 @@ class Leaves:
     def share(self) -> Tensor:
         """Solid angle over 4 pi of each leaf.  [F, P]."""
         return torch.cat([self.cell_share, self.texel_share], dim=-1)
+
+    @cached_property
+    def compiled(self) -> compiled.Leaves:
+        """The leaves for what is compiled."""
+        return compiled.leaves(self)
 
     def repeated(self, count: int) -> "Leaves":
         """Return the leaves of one frame as those of many.  F = 1 -> F = count."""

@@ -8,7 +8,7 @@ import scipy.optimize
 import torch
 from torch import Tensor
 
-from asglight.fitting import leaves, newton, objective
+from asglight.fitting import compiled, leaves, newton, objective
 from asglight.fitting.lobe_images import Images
 from asglight.fitting.objective import Corners
 from asglight.fitting.probes import probe
@@ -71,6 +71,8 @@ def _weighted_gram(images: Tensor, weight: Tensor) -> Tensor:
         images: A.  [F, N, P]
         weight: The diagonal of W.  [F, P]
     """
+    if compiled.runs_on(images):
+        return compiled.weighted_gram(images, weight)
     rooted = (images * weight.sqrt()[:, None]).double()
     return rooted @ rooted.mT
 

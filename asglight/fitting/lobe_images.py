@@ -23,7 +23,7 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
-from asglight.fitting import flat_terms
+from asglight.fitting import compiled, flat_terms
 from asglight.fitting.coordinates import BROAD
 from asglight.fitting.footprints import Footprint, as_seen, exponents
 from asglight.fitting.grid import Grid
@@ -121,6 +121,8 @@ def joined(one: Images, other: Images) -> Images:
 
 def images(lobes: Lobes, places: Leaves) -> Images:
     """Evaluate lobes on leaves.  [F, N, .]."""
+    if compiled.serves(lobes, places):
+        return Images(lobes, *compiled.images(lobes, places.compiled, places.share.shape[-1]))
     if lobes.form is Form.FLAT:
         terms = images(flat.terms(lobes), places)
         # terms averaged over a leaf each by itself may miss 0 by a little

@@ -18,14 +18,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from asglight.fitting import lobe_images, objective, temporal
+from asglight.fitting import compiled, lobe_images, objective, temporal
 from asglight.fitting.captured import Replays
 from asglight.fitting.coordinates import UNKNOWNS, Leash, advance
 from asglight.fitting.footprints import Footprint, footprint
 from asglight.fitting.grid import cell_sums, coarser, grid
 from asglight.fitting.lobe_images import COLUMNS, Images
 from asglight.fitting.objective import Misfit, Sizes
-from asglight.fitting.probes import CURVATURE_ROWS, probe
+from asglight.fitting.probes import CURVATURE_ROWS, probe, tables
 from asglight.lobes import Lobes, asg
 
 OnStep = Callable[[Lobes], None]
@@ -230,6 +230,13 @@ def normal_equations(
     """
     lobes, places = shown.lobes, frame.places
     cells = grid(coarser(places.rows, CURVATURE_ROWS), str(lobes.axes.device))
+    if compiled.serves(lobes, places):
+        leaves, probes = places.compiled, tables(cells.height)
+        slopes, of_scale = compiled.slopes(lobes, shown.scale, found.slope, leaves)
+        weights = found.env_weight, found.view_weight
+        scales = shown.scale, of_scale
+        hessian = compiled.matrix(lobes, scales, leaves, cells, probes, weights)
+        return hessian, slopes.flatten(1)
     sizes = [rows for rows, _, _ in places.levels]
     seen = footprint(lobes, [*sizes, cells.height])
     of_leaves = Footprint(seen.exponent[:-1], seen.derivatives[:-1])
@@ -263,6 +270,8 @@ def _chain(gram: Tensor, amplitude: Tensor) -> Tensor:
 
 def _solve(hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor) -> Tensor:
     """Solve the damped systems; unknowns at a bound that would cross it stay.  [F, N, 8]."""
+    if compiled.moves(lobes):
+        return compiled.solve(hessian, gradient, lobes, damping, asg.SHARPNESS_MIN)
     ahead = gradient.reshape(-1, lobes.count, UNKNOWNS)
     held = torch.zeros_like(ahead, dtype=torch.bool)
     held[..., 2:4] = (lobes.sharpness <= asg.SHARPNESS_MIN) & (ahead[..., 2:4] > 0)

@@ -17,15 +17,15 @@ for lobes are smooth at its scale but the map is not.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import torch
 from torch import Tensor
 
-from asglight.fitting import leaves
+from asglight.fitting import compiled, leaves
 from asglight.fitting.grid import coarsen, coarser
 from asglight.fitting.leaves import Leaves
-from asglight.fitting.probes import PROBES, of_views, probe, pull, shares, split
+from asglight.fitting.probes import PROBES, of_views, probe, pull, shares, split, tables
 from asglight.shading import kernels
 
 ENV_WEIGHT = 0.07
@@ -103,6 +103,11 @@ class Target:
         device = str(self.probe_scale.device)
         corners = _probe_corners(self.corners.probe, device) * self.probe_scale
         return of_views(corners, self.places.rows)
+
+    @cached_property
+    def compiled(self) -> compiled.Target:
+        """The frames for what is compiled."""
+        return compiled.target(self, _probe_corners(self.corners.probe, "cpu"))
 
     def weighed(self, env: float, probes: Sequence[float]) -> "Target":
         """Return the frames with every weight of J times a factor.
@@ -232,6 +237,9 @@ def value(radiance: Tensor, frame: Target) -> Tensor:
 
 def sizes(radiance: Tensor, frame: Target) -> Sizes:
     """Return J of reconstructions, with the sizes of all errors in it.  [F, 3, P]."""
+    if compiled.looks(radiance, frame.places):
+        probes = tables(frame.places.rows)
+        return Sizes(*compiled.sizes(radiance, frame.places.compiled, frame.compiled, probes))
     places, cells = frame.places, frame.places.count
     part = radiance[:, None, :, :cells] - frame.parts
     parts = phi(part, frame.env_corner[:, None, None])  # [F, K, C]
@@ -268,6 +276,9 @@ def misfit(radiance: Tensor, frame: Target, found: Sizes | None = None) -> Misfi
         found: Their `sizes`, where they are known.
     """
     found = found or sizes(radiance, frame)
+    if compiled.looks(radiance, frame.places):
+        given = frame.places.compiled, frame.compiled, tables(frame.places.rows)
+        return Misfit(found.value, *compiled.misfit(radiance, found, *given))
     places, cells = frame.places, frame.places.count
     share = places.share * (frame.env_weight / frame.env_scale)[:, None]
     part = radiance[:, None, :, :cells] - frame.parts

@@ -18,6 +18,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
+from asglight.fitting import compiled
 from asglight.fitting.grid import coarser
 from asglight.shading import kernels
 from asglight.sphere import latlong
@@ -45,6 +46,10 @@ PROBES = (
     Probe(0.25, 1.0, 24),
 )
 
+SILENT = 1e-7
+"""Frequencies of which a probe lets through less than this share, below the rounding of float32,
+are left out of its compiled tables: all but one of the mean radiance's."""
+
 CURVATURE_ROWS = 32
 """Rows of the coarsest grid that is filtered, at most: the Gauss-Newton matrix's (newton.py)."""
 
@@ -60,6 +65,8 @@ def probe(images: Tensor, height: int, sources: tuple[Probe, ...] = PROBES) -> T
     Returns:
         What they show of each image, probe by probe and ring by ring.  [..., D]
     """
+    if compiled.runs_on(images):
+        return compiled.probe(images, tables(height, sources))
     device = str(images.device)
     filters = _filters(sources, height, device).to(images)
     waves = _waves(2 * height, 1, device).to(images)
@@ -109,6 +116,21 @@ def directions(source: Probe, rows: int) -> Tensor:
     v = (torch.arange(source.rings, dtype=torch.float64) + 0.5) / source.rings
     u = (torch.arange(0, 2 * rows, _stride(source, rows), dtype=torch.float64) + 0.5) / (2 * rows)
     return latlong.direction_from_uv(u[None, :], v[:, None]).flatten(0, 1).float()
+
+
+@lru_cache(maxsize=16)
+@torch.inference_mode(False)
+def tables(height: int, sources: tuple[Probe, ...] = PROBES) -> compiled.Probes:
+    """Return the probes on a grid of `height` rows, for what is compiled."""
+    filters = [_filter(source, height) for source in sources]
+    strides = [_stride(source, height) for source in sources]
+    sizes = [each.abs().amax((1, 2)) for each in filters]
+    return compiled.tables(
+        _waves(2 * height, 1, "cpu"),
+        [each.float() for each in filters],
+        [_waves(2 * height, stride, "cpu") for stride in strides],
+        [int((size > SILENT * size.max()).nonzero().max()) + 1 for size in sizes],
+    )
 
 
 @lru_cache(maxsize=64)

@@ -19,6 +19,8 @@ from asglight.fitting.captured import WARM_UPS, GraphRecorder, Replays, kind_of,
 from asglight.fitting.coordinates import Leash
 from asglight.lobes import Form, Lobes
 
+pytestmark = pytest.mark.usefixtures("torch_steps")
+
 Case = tuple[Lobes, objective.Target, dict]
 
 

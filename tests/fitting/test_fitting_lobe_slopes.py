@@ -141,6 +141,7 @@ def test_everything_is_finite_from_the_broadest_to_the_narrowest_lobe(form: Form
             assert float(shown.values.max()) <= 1.05
 
 
+@pytest.mark.usefixtures("torch_steps")
 @pytest.mark.parametrize("form", list(Form))
 @pytest.mark.parametrize("sharpness", [(3e3, 200.0), (2e4, 2e4)])
 def test_columns_of_narrow_lobes_keep_their_integral(

@@ -50,6 +50,7 @@ def test_a_frame_whose_step_fails_keeps_its_lobes_while_the_other_is_taken() -> 
     assert found.damping.tolist() == pytest.approx([5e-6, newton.DAMPING_MIN])
 
 
+@pytest.mark.usefixtures("torch_steps")
 def test_steps_decided_on_the_device_are_those_decided_on_the_host(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

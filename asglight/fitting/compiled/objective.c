@@ -1,0 +1,197 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * J of one frame, and how it changes: asglight/fitting/objective.py.
+ */
+#include "steps.h"
+
+enum { LAID = 3, SEEN = 4 };
+
+static vec root(vec x) {
+    for (int l = 0; l < LANE; l++) x[l] = sqrtf(x[l]);
+    return x;
+}
+
+enum { AROUND = 25 }; /* cells that a texel's light reaches (splatting.py) */
+
+/* leaves.to_cells of images [3][P], into [C][LANE]. */
+static void to_cells(const Leaves *leaves, const float *images, float *cells) {
+    int64_t count = cells_of(leaves), leaf_count = count + texels_of(leaves);
+    int64_t inside = texels_per_cell(leaves);
+    for (int64_t p = 0; p < count; p++) {
+        vec all = splat(0.0f);
+        for (int c = 0; c < 3; c++) all[c] = images[c * leaf_count + p];
+        store(cells + LANE * p, all);
+    }
+    if (leaf_count == count) return;
+    for (int64_t r = 0; r < leaves->refined_count; r++)
+        store(cells + LANE * leaves->refined[r], splat(0.0f));
+    for (int64_t r = 0; r < leaves->refined_count; r++) {
+        vec brought[AROUND];
+        for (int k = 0; k < AROUND; k++) brought[k] = splat(0.0f);
+        for (int64_t t = 0; t < inside; t++) {
+            int64_t texel = r * inside + t;
+            vec flux = splat(0.0f);
+            for (int c = 0; c < 3; c++)
+                flux[c] = images[c * leaf_count + count + texel] * leaves->texel_share[texel];
+            for (int k = 0; k < AROUND; k++) brought[k] += flux * leaves->splatting[t * AROUND + k];
+        }
+        for (int k = 0; k < AROUND; k++) {
+            int64_t cell = leaves->around[r * AROUND + k];
+            float *to = cells + LANE * cell;
+            store(to, load(to) + brought[k] / leaves->grid_share[cell]);
+        }
+    }
+}
+
+/* leaves.from_cells: adds slopes on cells [C][LANE] to those on leaves [3][P]. */
+static void add_from_cells(const Leaves *leaves, float *cells, float *slopes) {
+    int64_t count = cells_of(leaves), leaf_count = count + texels_of(leaves);
+    int64_t inside = texels_per_cell(leaves);
+    if (leaf_count > count)
+        for (int64_t r = 0; r < leaves->refined_count; r++) {
+            vec around[AROUND];
+            for (int k = 0; k < AROUND; k++) {
+                int64_t cell = leaves->around[r * AROUND + k];
+                around[k] = load(cells + LANE * cell) / leaves->grid_share[cell];
+            }
+            for (int64_t t = 0; t < inside; t++) {
+                int64_t texel = r * inside + t;
+                vec slope = splat(0.0f);
+                for (int k = 0; k < AROUND; k++)
+                    slope += around[k] * leaves->splatting[t * AROUND + k];
+                for (int c = 0; c < 3; c++)
+                    slopes[c * leaf_count + count + texel] += slope[c] * leaves->texel_share[texel];
+            }
+        }
+    if (leaf_count > count)
+        for (int64_t r = 0; r < leaves->refined_count; r++)
+            store(cells + LANE * leaves->refined[r], splat(0.0f));
+    for (int64_t p = 0; p < count; p++)
+        for (int c = 0; c < 3; c++) slopes[c * leaf_count + p] += cells[LANE * p + c];
+}
+
+static void sizes(const Leaves *leaves, const Target *target, const Probes *probes,
+                  const float *radiance, float *value, float *parts, float *texels, float *views,
+                  float *seen) {
+    int64_t count = cells_of(leaves), fine = texels_of(leaves), leaf_count = count + fine;
+    float corner = target->env_corner * *target->env_scale, corner2 = corner * corner;
+    float *residual = scratch(LAID, 3 * leaf_count + LANE * count), *cells = residual + 3 * leaf_count;
+    for (int64_t i = 0; i < 3 * leaf_count; i += LANE)
+        store(residual + i, load(radiance + i) - load(target->radiance + i));
+    double error = 0;
+    for (int64_t k = 0; k < target->part_count; k++) {
+        const float *wanted = target->parts + 3 * k * count;
+        vec total = splat(0.0f);
+        for (int64_t p = 0; p < count; p += LANE) {
+            vec square = splat(corner2);
+            for (int c = 0; c < 3; c++) {
+                vec missed = load(radiance + c * leaf_count + p) - load(wanted + c * count + p);
+                square += missed * missed;
+            }
+            vec size = root(square);
+            store(parts + k * count + p, size);
+            total += size * load(leaves->cell_share + p);
+        }
+        error += sum(total) / target->part_count;
+    }
+    vec total = splat(0.0f);
+    for (int64_t q = 0; q < fine; q += LANE) {
+        vec square = splat(corner2);
+        for (int c = 0; c < 3; c++) {
+            vec missed = load(residual + c * leaf_count + count + q);
+            square += missed * missed;
+        }
+        vec size = root(square);
+        store(texels + q, size);
+        total += size * load(leaves->texel_share + q);
+    }
+    error += sum(total);
+    to_cells(leaves, residual, cells);
+    float *shown = scratch(SEEN, LANE * probes->views);
+    probe_lanes(probes, LANE, cells, shown);
+    double wrong = 0;
+    int64_t first = 0;
+    for (int source = 0; source < probes->sources; source++) {
+        int64_t own = probes->rings[source] * probes->counts[source];
+        float eps = target->probe_corner[source] * target->probe_scale[source];
+        for (int64_t d = first; d < first + own; d++) {
+            const float *at = shown + LANE * d;
+            seen[d] = sqrtf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2] + eps * eps);
+            wrong += target->view_weight[d] * (seen[d] - eps);
+            for (int c = 0; c < 3; c++) views[c * probes->views + d] = at[c];
+        }
+        first += own;
+    }
+    *value = target->env_weight * (error / *target->env_scale - target->env_corner) + wrong;
+}
+
+/* objective.sizes: radiance [F][3][P]; value [F], parts [F][K][C], texels [F][Q], views [F][3][D],
+ * seen [F][D]. */
+API void asglight_sizes(int64_t frames, const Leaves *leaves, const Target *target,
+                        const Probes *probes, const float *radiance, float *value, float *parts,
+                        float *texels, float *views, float *seen) {
+    int64_t count = cells_of(leaves), fine = texels_of(leaves);
+    for (int64_t f = 0; f < frames; f++) {
+        Leaves places = leaves_of(leaves, f);
+        Target own = target_of(target, f);
+        sizes(&places, &own, probes, radiance + 3 * f * (count + fine), value + f,
+              parts + f * own.part_count * count, texels + f * fine, views + 3 * f * probes->views,
+              seen + f * probes->views);
+    }
+}
+
+static void misfit(const Leaves *leaves, const Target *target, const Probes *probes,
+                   const float *radiance, const float *parts, const float *texels,
+                   const float *views, const float *seen, float *slope, float *env_weight,
+                   float *view_weight) {
+    int64_t count = cells_of(leaves), fine = texels_of(leaves), leaf_count = count + fine;
+    float unit = target->env_weight / *target->env_scale;
+    for (int64_t p = 0; p < count; p += LANE) {
+        vec share = load(leaves->cell_share + p) * (unit / target->part_count);
+        vec all = splat(0.0f), by[3] = {all, all, all};
+        for (int64_t k = 0; k < target->part_count; k++) {
+            vec weight = share / load(parts + k * count + p);
+            all += weight;
+            for (int c = 0; c < 3; c++) {
+                const float *wanted = target->parts + (3 * k + c) * count;
+                by[c] += (load(radiance + c * leaf_count + p) - load(wanted + p)) * weight;
+            }
+        }
+        store(env_weight + p, all);
+        for (int c = 0; c < 3; c++) store(slope + c * leaf_count + p, by[c]);
+    }
+    for (int64_t q = 0; q < fine; q += LANE) {
+        vec weight = load(leaves->texel_share + q) * unit / load(texels + q);
+        store(env_weight + count + q, weight);
+        for (int c = 0; c < 3; c++) {
+            int64_t at = c * leaf_count + count + q;
+            store(slope + at, (load(radiance + at) - load(target->radiance + at)) * weight);
+        }
+    }
+    float *cells = scratch(LAID, LANE * count), *pulled = scratch(SEEN, LANE * probes->views);
+    for (int64_t d = 0; d < probes->views; d++) {
+        vec all = splat(0.0f);
+        view_weight[d] = target->view_weight[d] / seen[d];
+        for (int c = 0; c < 3; c++) all[c] = views[c * probes->views + d] * view_weight[d];
+        store(pulled + LANE * d, all);
+    }
+    pull_lanes(probes, LANE, pulled, cells);
+    add_from_cells(leaves, cells, slope);
+}
+
+/* objective.misfit, of the sizes that were found: slope [F][3][P], env_weight [F][P], view_weight
+ * [F][D]. */
+API void asglight_misfit(int64_t frames, const Leaves *leaves, const Target *target,
+                         const Probes *probes, const float *radiance, const float *parts,
+                         const float *texels, const float *views, const float *seen, float *slope,
+                         float *env_weight, float *view_weight) {
+    int64_t count = cells_of(leaves), fine = texels_of(leaves), all = count + fine;
+    for (int64_t f = 0; f < frames; f++) {
+        Leaves places = leaves_of(leaves, f);
+        Target own = target_of(target, f);
+        int64_t view = f * probes->views;
+        misfit(&places, &own, probes, radiance + 3 * f * all, parts + f * own.part_count * count,
+               texels + f * fine, views + 3 * view, seen + view, slope + 3 * f * all,
+               env_weight + f * all, view_weight + view);
+    }
+}

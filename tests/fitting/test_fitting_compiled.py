@@ -1,0 +1,306 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is compiled against the same in torch and float64, and where it serves."""
+
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from leaf_cases import CENTRES, POLES, lobes_at, plain_leaves, refined_leaves
+from lobe_cases import DOUBLE, alike, noise
+from torch import Tensor
+
+from asglight.fitting import (
+    compiled,
+    coordinates,
+    leaves,
+    light,
+    lobe_images,
+    newton,
+    objective,
+    probes,
+    temporal,
+)
+from asglight.fitting.compiled import library
+from asglight.fitting.coordinates import Leash
+from asglight.fitting.grid import POWERS
+from asglight.lobes import Form, Lobes
+from asglight.lobes import data as lobe_data
+
+pytestmark = pytest.mark.skipif(
+    compiled.LIBRARY is None and library.compiler() is None, reason="there is no C compiler"
+)
+
+
+def _doubled(value: Any) -> Any:
+    """Return a dataclass with float64 in the place of float32; no compiled step serves that."""
+    if isinstance(value, Tensor):
+        return value.double() if value.is_floating_point() else value
+    if not hasattr(value, "__dataclass_fields__"):
+        return value
+    found = {each.name: _doubled(getattr(value, each.name)) for each in fields(value)}
+    if "monomials" in found:  # their squares were rounded
+        x, y, z = found["monomials"].unbind(-2)[1:4]
+        found["monomials"] = torch.stack([x**i * y**j * z**k for i, j, k in POWERS], dim=-2)
+    return replace(value, **found)
+
+
+@pytest.fixture
+def in_torch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    """Call a function with what it is given in float64, grids too, and so in torch."""
+    grids = {module: module.grid for module in (leaves, newton)}
+
+    def call(function: Callable[..., Any], *given: Any, **others: Any) -> Any:
+        with monkeypatch.context() as patch:
+            for module, grid in grids.items():
+                fine = lambda height, device, grid=grid: _doubled(grid(height, device))  # noqa: E731
+                patch.setattr(module, "grid", fine)
+            doubled = {name: _doubled(value) for name, value in others.items()}
+            return function(*(_doubled(each) for each in given), **doubled)
+
+    return call
+
+
+def _maps(frames: int, rows: int = 64) -> Tensor:
+    """Return maps of noise and a lamp that a few texels hold.  [F, 3, P]."""
+    maps = noise(rows, frames)
+    maps[..., rows * rows + 7] += 200.0
+    return maps
+
+
+LEAVES = {
+    "cells": (32, 32, 0),
+    "cells and texels": (64, 32, 8),
+    "a grid that is filtered as it is": (16, 16, 0),
+    "few rows": (24, 12, 4),
+}
+"""Rows of the map, rows of cells and refined cells."""
+
+COUNTS = [1, 3, 8, 15, 17]
+"""Lobes, below and above what fills a vector."""
+
+
+def _case(name: str, count: int, frames: int = 2) -> tuple[Lobes, objective.Target]:
+    rows, cells, refined = LEAVES[name]
+    maps = _maps(frames, rows)
+    frame = objective.target(maps, places=leaves.leaves(maps, cells, refined))
+    return alike(Form.ASG, count, tuple(range(frames))), frame
+
+
+def _assert_near(found: Tensor, expected: Tensor, share: float) -> None:
+    """Check that no element is off by more than a share of the largest."""
+    assert torch.isfinite(found).all()
+    off = (found.double() - expected.double()).abs().max() if found.numel() else torch.zeros(())
+    assert float(off) <= share * max(float(expected.abs().max()) if expected.numel() else 0, 1e-30)
+
+
+def test_what_is_compiled_is_compiled_here() -> None:
+    assert compiled.LIBRARY is not None, "run: make setup"
+
+
+@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize("name", LEAVES)
+def test_a_step_is_that_of_torch_in_float64(
+    name: str, count: int, in_torch: Callable[..., Any]
+) -> None:
+    lobes, frame = _case(name, count)
+    shown = lobe_images.images(lobes, frame.places)
+    exact = in_torch(lobe_images.images, lobes, frame.places)
+    # directions in float32, times the slope of lobes of sharpness 100
+    for what in ("values", "gaussian", "scale"):
+        _assert_near(getattr(shown, what), getattr(exact, what), 1e-5)
+    sizes = objective.sizes(shown.radiance, frame)
+    for what, value in vars(in_torch(objective.sizes, shown.radiance, frame)).items():
+        _assert_near(getattr(sizes, what), value, 1e-5)
+    misfit = objective.misfit(shown.radiance, frame, sizes)
+    expected = in_torch(objective.misfit, shown.radiance, frame, sizes)
+    for what, value in vars(expected).items():
+        _assert_near(getattr(misfit, what), value, 1e-5)
+    found = newton.normal_equations(shown, misfit, frame)
+    expected = in_torch(newton.normal_equations, shown, misfit, frame)
+    for one, other in zip(found, expected, strict=True):
+        assert one.dtype == DOUBLE
+        _assert_near(one, other, 1e-4)  # sums of a thousand products, some of which cancel
+
+
+@pytest.mark.parametrize("sharpness", [(1e-3, 1e-3), (3e3, 200.0), (4e4, 4e4), (1e6, 1e6)])
+def test_lobes_of_any_width_are_drawn(
+    sharpness: tuple[float, float], in_torch: Callable[..., Any]
+) -> None:
+    for places in (refined_leaves(), plain_leaves(32)):
+        lobes = lobes_at(Form.ASG, [*CENTRES, *POLES], list(sharpness)).to(torch.float32)[None]
+        shown = lobe_images.images(lobes, places)
+        exact = in_torch(lobe_images.images, lobes, places)
+        # components in float32 are off by 1e-7, times the slope of what a texel sees, at most 170
+        _assert_near(shown.values, exact.values, 3e-5)
+        _assert_near(shown.scale, exact.scale, 3e-5)
+
+
+def test_frames_that_share_their_map_are_as_if_each_had_its_own() -> None:
+    lobes, frame = _case("cells and texels", 5, 1)
+    many = lobe_data.stack([lobes[0]] * 3)
+    for shared in (frame.places, frame.places.repeated(3)):
+        shown = lobe_images.images(many, shared)
+        assert torch.equal(shown.values[2], lobe_images.images(lobes, frame.places).values[0])
+    alone = objective.sizes(shown.radiance[:1], frame)
+    for target in (frame, frame.repeated(3)):
+        found = objective.sizes(shown.radiance, target)
+        assert torch.equal(found.value, alone.value.expand(3))
+        slope = objective.misfit(shown.radiance, target, found).slope
+        assert torch.equal(slope[2], objective.misfit(shown.radiance[:1], frame, alone).slope[0])
+
+
+def _equations(lobes: Lobes) -> tuple[Tensor, Tensor]:
+    """Return a matrix far from singular and a slope, in float64."""
+    generator = torch.Generator().manual_seed(0)
+    frames, size = len(lobes.axes), 8 * lobes.count
+    root = torch.randn(frames, size, 2 * size, generator=generator, dtype=DOUBLE)
+    scale = 10 ** (3 * torch.rand(size, generator=generator, dtype=DOUBLE))
+    root = root * scale[:, None]
+    return root @ root.mT, torch.randn(frames, size, generator=generator, dtype=DOUBLE)
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_the_solved_step_is_that_of_torch(count: int, torch_steps: None) -> None:
+    lobes = alike(Form.ASG, count, (0, 1))
+    lobes.amplitude[0, 0] = 0.0  # at its bound
+    lobes.sharpness[1, 0] = 1e-3
+    hessian, gradient = _equations(lobes)
+    hessian[0, 3] = hessian[0, :, 3] = 0.0  # nothing sees it
+    damping = torch.tensor([1e-3, 10.0], dtype=DOUBLE)
+    expected = newton._solve(hessian, gradient, lobes, damping)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled, "LIBRARY", compiled.load())
+        found = newton._solve(hessian, gradient, lobes, damping)
+    # both in float64; what differs is the order of a hundred thousand products
+    torch.testing.assert_close(found, expected, rtol=1e-8, atol=1e-10)
+    assert bool((found[0, 0, 5:] >= 0).all())
+
+
+def test_a_system_that_is_not_definite_gives_no_step() -> None:
+    lobes = alike(Form.ASG, 2)
+    hessian, gradient = _equations(lobes)
+    hessian[0, 4, 5] = hessian[0, 5, 4] = 1e3 * hessian.abs().max()
+    step = newton._solve(hessian, gradient, lobes, torch.zeros(1, dtype=DOUBLE))
+    assert torch.equal(step, torch.zeros_like(step))
+
+
+@pytest.mark.parametrize("size", [1e-3, 0.3, 30.0])
+@pytest.mark.parametrize("held", [False, True])
+def test_lobes_move_as_in_torch(size: float, held: bool, in_torch: Callable[..., Any]) -> None:
+    lobes = alike(Form.ASG, 15, (0, 1))
+    generator = torch.Generator().manual_seed(1)
+    step = size * torch.randn(2, 15, 8, generator=generator, dtype=DOUBLE)
+    cosine = torch.full(lobes.axis_z.shape[:-1], math.cos(math.radians(9.9)))
+    cosine[:, 1] = -1.0
+    leash = Leash(alike(Form.ASG, 15, (2, 3)).axis_z, cosine) if held else None
+    found = coordinates.advance(lobes, step, 1e-2, leash)
+    expected = in_torch(coordinates.advance, lobes, step, 1e-2, leash)
+    # sinh of a shear that is no shear is lost a little in float32
+    _assert_near(found.axes, expected.axes, 1e-6)
+    torch.testing.assert_close(found.sharpness.double(), expected.sharpness, rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(found.amplitude.double(), expected.amplitude, rtol=1e-5, atol=1e-6)
+
+
+def test_the_temporal_term_is_that_of_torch(in_torch: Callable[..., Any]) -> None:
+    lobes, before = alike(Form.ASG, 7, (0, 1)), alike(Form.ASG, 7, (2, 3))
+    held = temporal.prior(before)
+    exact = replace(_doubled(held), lobes=_doubled(before))
+    _assert_near(temporal.value(lobes, held), in_torch(temporal.value, lobes, exact), 1e-6)
+    found, expected = temporal.slopes(lobes, held), in_torch(temporal.slopes, lobes, exact)
+    for one, other in zip(found, expected, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-9)
+
+
+@pytest.mark.parametrize("rows", [7, 10, 32, 64])
+@pytest.mark.parametrize("count", [1, 3, 15])
+def test_probes_show_what_they_do_in_torch(
+    rows: int, count: int, in_torch: Callable[..., Any]
+) -> None:
+    images = noise(rows, count)[:, 0]
+    # filters in float32, a row of 2 H of them a product
+    _assert_near(probes.probe(images, rows), in_torch(probes.probe, images, rows), 1e-5)
+
+
+def test_gram_matrices_are_those_of_torch() -> None:
+    images, weight = noise(16, 5)[:, 0].reshape(1, 5, -1), noise(16)[:, 1]
+    exact = (images.double() * weight.double()[:, None]) @ images.double().mT
+    _assert_near(light._weighted_gram(images, weight), exact, 1e-12)
+    both = images[:, [0, 1, 1, 2]]
+    found = light._weighted_gram(both, weight)
+    assert torch.equal(found[0, 1], found[0, 2])  # lobes that coincide
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda lobes: lobes.to(DOUBLE),
+        lambda lobes: replace(lobes, form=Form.SG),
+        lambda lobes: replace(lobes, amplitude=lobes.amplitude.int()),
+        lambda lobes: replace(lobes, sharpness=lobes.sharpness.requires_grad_()),
+    ],
+)
+def test_other_lobes_are_left_to_torch(other: Callable[[Lobes], Lobes]) -> None:
+    places = plain_leaves(32)
+    assert compiled.serves(alike(Form.ASG), places)
+    assert not compiled.serves(other(alike(Form.ASG)), places)
+
+
+def test_grids_with_an_odd_number_of_rows_are_left_to_torch() -> None:
+    assert not compiled.serves(alike(Form.ASG), plain_leaves(15))
+
+
+def test_without_the_library_steps_are_those_of_torch(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(compiled, "__file__", str(tmp_path / "__init__.py"))
+    assert compiled.load() is None
+    (tmp_path / library.NAME).write_bytes(b"of another system")
+    assert compiled.load() is None
+
+
+def test_a_processor_that_is_too_old_is_left_to_torch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "DEFAULT")
+    assert compiled.load() is None
+
+
+def test_the_library_is_compiled_and_put_in_place_whole(tmp_path: Path) -> None:
+    target = tmp_path / library.NAME
+    place = Path(compiled.__file__).parent
+    assert library.compile_library(place, target) is None
+    assert [path.name for path in tmp_path.iterdir()] == [library.NAME]
+    code = f"import ctypes; ctypes.CDLL({str(target)!r}).asglight_probe"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    ("compiler", "told"),
+    [("no-such-compiler", "No such file"), ("false", "exit status 1")],
+)
+def test_a_compiler_that_fails_is_told_and_changes_nothing(
+    compiler: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", compiler)
+    target = tmp_path / library.NAME
+    target.write_bytes(b"before")
+    failure = library.compile_library(Path(compiled.__file__).parent, target)
+    assert failure is not None
+    assert compiler in failure
+    assert told in failure
+    assert target.read_bytes() == b"before"
+
+
+def test_a_machine_without_a_compiler_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", os.fspath(tmp_path))
+    failure = library.compile_library(tmp_path, tmp_path / library.NAME)
+    assert failure == "no C compiler was found (cc, gcc, or what CC names)"
