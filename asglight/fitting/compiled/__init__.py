@@ -168,20 +168,35 @@ def tables(
     most = max(own_waves)
     halves = [_halved(waves, most)]
     halves += [_halved(each, own) for each, own in zip(views, own_waves, strict=True)]
-    laid = [
-        each[:own].mT.contiguous() for each, own in zip(filters, own_waves, strict=True)
-    ]  # [own, R', H]
+    laid = [_mirrored(each[:own].mT) for each, own in zip(filters, own_waves, strict=True)]
     # a product takes the views of a ring as rows
     ring_views = [[part.mT.contiguous() for part in pair] for pair in halves[1:]]
     found = Probes(rows=rows, sources=len(filters), waves=most)
     found.views = sum(f.shape[-1] * v.shape[-1] for f, v in zip(filters, views, strict=True))
     found.cosine, found.sine = (part.data_ptr() for part in halves[0])
     for index, (own, each, seen) in enumerate(zip(own_waves, laid, ring_views, strict=True)):
-        found.rings[index], found.counts[index] = each.shape[1], views[index].shape[-1]
+        found.rings[index], found.counts[index] = filters[index].shape[-1], views[index].shape[-1]
         found.own_waves[index], found.filter[index] = own, each.data_ptr()
         found.view_cosine[index], found.view_sine[index] = (part.data_ptr() for part in seen)
     found.held = (*halves[0], *laid, *(part for pair in ring_views for part in pair))
     return found
+
+
+def _mirrored(filters: Tensor) -> Tensor:
+    """Return what filters make of the sum and of the difference of two mirrored rows, to one half.
+
+    Seen from the other pole a filter is the same: the other half of the rings shows the sum of both
+    with the other sign of the difference.
+
+    Args:
+        filters: To rings from rows, by frequency.  [K, R', H]
+
+    Returns:
+        [K, 2, (R' + 1) / 2, (H + 1) / 2]
+    """
+    rings, rows = ((count + 1) // 2 for count in filters.shape[1:])
+    own, mirror = filters[:, :rings, :rows], filters.flip(-1)[:, :rings, :rows]
+    return torch.stack([(own + mirror) / 2, (own - mirror) / 2], dim=1).contiguous()
 
 
 def _halved(waves: Tensor, count: int) -> list[Tensor]:

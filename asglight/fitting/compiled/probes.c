@@ -2,75 +2,139 @@
  *
  * What materials show of images: asglight/fitting/probes.py, on images [row][column][lane].
  *
- * A cosine is even and a sine odd about the middle of a row, so a row is folded there first: half
- * of the products.
+ * Everything is symmetric: a cosine is even and a sine odd about the middle of a row, and about a
+ * quarter of it one or the other by the parity of its frequency; a filter is the same seen from the
+ * other pole. So a row is folded twice, a map once, and a product is a quarter or half as large.
  */
 #include "steps.h"
 
-enum { FOLDED, SPECTRUM };
+enum { SAMPLES, SPECTRUM, RINGS };
 
+static void combine(int lanes, const float *one, const float *other, float *plus, float *minus) {
+    for (int l = 0; l < lanes; l += LANE) {
+        vec a = load(one + l), b = load(other + l);
+        store(plus + l, a + b);
+        store(minus + l, a - b);
+    }
+}
+
+static void copy(int lanes, const float *from, float *to) {
+    for (int l = 0; l < lanes; l += LANE) store(to + l, load(from + l));
+}
+
+static void clear(long count, float *to) {
+    for (long i = 0; i < count; i += LANE) store(to + i, splat(0.0f));
+}
+
+/* plus[j] = x[j] + x[last - j] and minus[j] = x[j] - x[last - j]; a middle one counts once, and
+ * wherever it is not odd. Elements lie `next` floats apart. */
+static void fold(int last, int lanes, const float *x, long next, float *plus, float *minus) {
+    int j = 0;
+    for (; 2 * j < last; j++)
+        combine(lanes, x + j * next, x + (last - j) * next, plus + j * lanes, minus + j * lanes);
+    if (2 * j == last) {
+        copy(lanes, x + j * next, plus + j * lanes);
+        clear(lanes, minus + j * lanes);
+    }
+}
+
+/* The transpose: x[j] = plus[j] + minus[j], x[last - j] = plus[j] - minus[j]. */
+static void unfold(int last, int lanes, const float *plus, const float *minus, float *x, long next) {
+    int j = 0;
+    for (; 2 * j < last; j++)
+        combine(lanes, plus + j * lanes, minus + j * lanes, x + j * next, x + (last - j) * next);
+    if (2 * j == last) copy(lanes, plus + j * lanes, x + j * next);
+}
+
+/* Cosines and sines over places; which is the faster index depends on what is made of which. */
+typedef struct {
+    const float *cosine, *sine;
+    long wave, place;
+} Waves;
+
+/* Scratch of a row of n samples folded once, even and odd, and each of these folded again. */
+typedef struct {
+    float *once[2], *twice[2][2];
+} Folds;
+
+static Folds folds(int n, int lanes) {
+    long half = (long)(n / 2 + 1) * lanes, quarter = (long)(n / 4 + 1) * lanes;
+    float *at = scratch(SAMPLES, 2 * half + 4 * quarter);
+    Folds found;
+    for (int odd = 0; odd < 2; odd++) {
+        found.once[odd] = at + odd * half;
+        for (int minus = 0; minus < 2; minus++)
+            found.twice[odd][minus] = at + 2 * half + (2 * odd + minus) * quarter;
+    }
+    return found;
+}
+
+/* The waves in n samples [place][lane]: found [wave][cosine, sine][lane], `next` floats apart. */
+static void analyse(int n, int count, int lanes, Waves waves, const float *samples, float *found,
+                    long next) {
+    Folds folded = folds(n, lanes);
+    const float *tables[2] = {waves.cosine, waves.sine};
+    /* place 0 has no partner: it is even, and sines are 0 there */
+    copy(lanes, samples, folded.once[0]);
+    clear(lanes, folded.once[1]);
+    fold(n - 2, lanes, samples + lanes, lanes, folded.once[0] + lanes, folded.once[1] + lanes);
+    for (int odd = 0; odd < 2; odd++) {
+        float *to = found + odd * lanes;
+        if (n % 4) {
+            product(count, lanes, n / 2 + 1, tables[odd], waves.wave, waves.place,
+                    folded.once[odd], lanes, to, next, 0);
+            continue;
+        }
+        fold(n / 2, lanes, folded.once[odd], lanes, folded.twice[odd][0], folded.twice[odd][1]);
+        for (int parity = 0; parity < 2; parity++) /* of the frequency */
+            product((count + 1 - parity) / 2, lanes, n / 4 + 1, tables[odd] + parity * waves.wave,
+                    2 * waves.wave, waves.place, folded.twice[odd][parity ^ odd], lanes,
+                    to + parity * next, 2 * next, 0);
+    }
+}
+
+/* The transpose: n samples from waves. */
+static void synthesise(int n, int count, int lanes, Waves waves, const float *given, long next,
+                       float *samples) {
+    Folds folded = folds(n, lanes);
+    const float *tables[2] = {waves.cosine, waves.sine};
+    for (int odd = 0; odd < 2; odd++) {
+        const float *from = given + odd * lanes;
+        if (n % 4) {
+            product(n / 2 + 1, lanes, count, tables[odd], waves.place, waves.wave, from, next,
+                    folded.once[odd], lanes, 0);
+            continue;
+        }
+        for (int parity = 0; parity < 2; parity++)
+            product(n / 4 + 1, lanes, (count + 1 - parity) / 2, tables[odd] + parity * waves.wave,
+                    waves.place, 2 * waves.wave, from + parity * next, 2 * next,
+                    folded.twice[odd][parity ^ odd], lanes, 0);
+        unfold(n / 2, lanes, folded.twice[odd][0], folded.twice[odd][1], folded.once[odd], lanes);
+    }
+    copy(lanes, folded.once[0], samples);
+    unfold(n - 2, lanes, folded.once[0] + lanes, folded.once[1] + lanes, samples + lanes, lanes);
+}
+
+static Waves of_rows(const Probes *probes) {
+    return (Waves){probes->cosine, probes->sine, probes->rows + 1, 1};
+}
+
+static Waves of_rings(const Probes *probes, int source) {
+    return (Waves){probes->view_cosine[source], probes->view_sine[source], 1,
+                   probes->own_waves[source]};
+}
+
+static int half_of(int count) { return (count + 1) / 2; }
+
+/* Of a source and a wave: [2][half of the rings][half of the rows], of sums and of differences. */
+static const float *filter_of(const Probes *probes, int source, int wave, int minus) {
+    long size = (long)half_of(probes->rings[source]) * half_of(probes->rows);
+    return probes->filter[source] + (2L * wave + minus) * size;
+}
+
+/* Spectra lie [sum, difference of mirrored rows][wave][half of the rows][cosine, sine][lane]. */
 static long spectrum_size(const Probes *probes, int lanes) {
-    return probes->waves * probes->rows * 2 * lanes;
-}
-
-/* even[j] = x[j] + x[n - j] and odd[j] = x[j] - x[n - j], j from 0 to half of n; where the two are
- * one and the same, it counts once. */
-static void fold(int count, int lanes, const float *from, float *even, float *odd) {
-    for (int j = 0; j <= count / 2; j++) {
-        const float *one = from + (long)j * lanes, *other = from + (long)((count - j) % count) * lanes;
-        for (int l = 0; l < lanes; l += LANE) {
-            vec a = load(one + l), b = one == other ? splat(0.0f) : load(other + l);
-            store(even + (long)j * lanes + l, a + b);
-            store(odd + (long)j * lanes + l, a - b);
-        }
-    }
-}
-
-/* The transpose: x[j] = even[j] + odd[j], x[n - j] = even[j] - odd[j]. */
-static void unfold(int count, int lanes, const float *even, const float *odd, float *to) {
-    for (int j = 0; j <= count / 2; j++) {
-        float *one = to + (long)j * lanes, *other = to + (long)((count - j) % count) * lanes;
-        for (int l = 0; l < lanes; l += LANE) {
-            vec a = load(even + (long)j * lanes + l), b = load(odd + (long)j * lanes + l);
-            if (one != other) store(other + l, a - b);
-            store(one + l, a + b);
-        }
-    }
-}
-
-/* Images [row][column][lane] to what the filters show, source by source
- * [ring][own wave][cosine, sine][lane]. */
-void probe_rings(const Probes *probes, int lanes, const float *images, float *rings) {
-    int rows = probes->rows, waves = probes->waves, half = rows + 1, wide = 2 * lanes;
-    float *even = scratch(FOLDED, 2L * half * lanes), *odd = even + (long)half * lanes;
-    float *spectrum = scratch(SPECTRUM, spectrum_size(probes, lanes)); /* [wave][row][2][lane] */
-    for (int row = 0; row < rows; row++) {
-        fold(2 * rows, lanes, images + 2L * rows * row * lanes, even, odd);
-        float *to = spectrum + (long)row * wide;
-        long next = (long)rows * wide;
-        product(waves, lanes, half, probes->cosine, half, 1, even, lanes, to, next, 0);
-        product(waves, lanes, half, probes->sine, half, 1, odd, lanes, to + lanes, next, 0);
-    }
-    for (int source = 0; source < probes->sources; source++) {
-        int own = probes->own_waves[source], count = probes->rings[source];
-        for (int wave = 0; wave < own; wave++)
-            product(count, wide, rows, probes->filter[source] + (long)wave * count * rows, rows, 1,
-                    spectrum + (long)wave * rows * wide, wide, rings + (long)wave * wide,
-                    (long)own * wide, 0);
-        rings += (long)count * own * wide;
-    }
-}
-
-/* One ring of `probe_rings` to its views [view][lane]. */
-void probe_ring(const Probes *probes, int source, int ring, int lanes, const float *rings,
-                float *views) {
-    int own = probes->own_waves[source], count = probes->counts[source], wide = 2 * lanes;
-    int half = count / 2 + 1;
-    const float *from = rings + (long)ring * own * wide;
-    float *even = scratch(FOLDED, 2L * half * lanes), *odd = even + (long)half * lanes;
-    product(half, lanes, own, probes->view_cosine[source], own, 1, from, wide, even, lanes, 0);
-    product(half, lanes, own, probes->view_sine[source], own, 1, from + lanes, wide, odd, lanes, 0);
-    unfold(count, lanes, even, odd, views);
+    return probes->waves * half_of(probes->rows) * 2 * lanes;
 }
 
 long rings_size(const Probes *probes, int lanes) {
@@ -80,7 +144,43 @@ long rings_size(const Probes *probes, int lanes) {
     return total;
 }
 
-enum { RINGS = 2 };
+/* Images [row][column][lane] to what the filters show, source by source
+ * [ring][own wave][cosine, sine][lane]. */
+void probe_rings(const Probes *probes, int lanes, const float *images, float *rings) {
+    enum { MIRRORED = 8, FILTERED = 9 };
+    int rows = probes->rows, half = half_of(rows), wide = 2 * lanes;
+    long row_size = 2L * rows * lanes, size = spectrum_size(probes, lanes);
+    float *spectra = scratch(SPECTRUM, 2 * size), *mirrored = scratch(MIRRORED, 2 * row_size);
+    for (int row = 0; row < half; row++) {
+        const float *own = images + row * row_size;
+        fold(row < rows - 1 - row, row_size, own, (rows - 1 - 2 * row) * row_size, mirrored,
+             mirrored + row_size);
+        for (int minus = 0; minus < 2; minus++)
+            analyse(2 * rows, probes->waves, lanes, of_rows(probes), mirrored + minus * row_size,
+                    spectra + minus * size + (long)row * wide, (long)half * wide);
+    }
+    for (int source = 0; source < probes->sources; source++) {
+        int own = probes->own_waves[source], count = probes->rings[source], some = half_of(count);
+        float *filtered = scratch(FILTERED, 2L * some * wide);
+        for (int wave = 0; wave < own; wave++) {
+            for (int minus = 0; minus < 2; minus++)
+                product(some, wide, half, filter_of(probes, source, wave, minus), half, 1,
+                        spectra + minus * size + (long)wave * half * wide, wide,
+                        filtered + (long)minus * some * wide, wide, 0);
+            unfold(count - 1, wide, filtered, filtered + (long)some * wide,
+                   rings + (long)wave * wide, (long)own * wide);
+        }
+        rings += (long)count * own * wide;
+    }
+}
+
+/* One ring of `probe_rings` to its views [view][lane]. */
+void probe_ring(const Probes *probes, int source, int ring, int lanes, const float *rings,
+                float *views) {
+    int own = probes->own_waves[source], wide = 2 * lanes;
+    synthesise(probes->counts[source], own, lanes, of_rings(probes, source),
+               rings + (long)ring * own * wide, wide, views);
+}
 
 /* probes.probe: images [row][column][lane], views [view][lane]. */
 void probe_lanes(const Probes *probes, int lanes, const float *images, float *views) {
@@ -97,34 +197,36 @@ void probe_lanes(const Probes *probes, int lanes, const float *images, float *vi
 
 /* probes.pull: views [view][lane], images [row][column][lane]. */
 void pull_lanes(const Probes *probes, int lanes, const float *views, float *images) {
-    int rows = probes->rows, waves = probes->waves, half = rows + 1, wide = 2 * lanes;
-    float *even = scratch(FOLDED, 2L * half * lanes), *odd = even + (long)half * lanes;
-    float *spectrum = scratch(SPECTRUM, spectrum_size(probes, lanes));
+    enum { MIRRORED = 8, FILTERED = 9 };
+    int rows = probes->rows, half = half_of(rows), wide = 2 * lanes;
+    long row_size = 2L * rows * lanes, size = spectrum_size(probes, lanes);
+    float *spectra = scratch(SPECTRUM, 2 * size), *mirrored = scratch(MIRRORED, 2 * row_size);
     float *rings = scratch(RINGS, rings_size(probes, lanes));
-    for (long i = 0; i < spectrum_size(probes, lanes); i += LANE) store(spectrum + i, splat(0.0f));
+    clear(2 * size, spectra);
     for (int source = 0; source < probes->sources; source++) {
-        int own = probes->own_waves[source], count = probes->rings[source];
-        int seen = probes->counts[source], views_half = seen / 2 + 1;
+        int own = probes->own_waves[source], count = probes->rings[source], some = half_of(count);
+        float *filtered = scratch(FILTERED, 2L * some * wide);
         for (int ring = 0; ring < count; ring++) {
-            float *to = rings + (long)ring * own * wide;
-            fold(seen, lanes, views, even, odd);
-            product(own, lanes, views_half, probes->view_cosine[source], 1, own, even, lanes, to,
-                    wide, 0);
-            product(own, lanes, views_half, probes->view_sine[source], 1, own, odd, lanes,
-                    to + lanes, wide, 0);
-            views += (long)seen * lanes;
+            analyse(probes->counts[source], own, lanes, of_rings(probes, source), views,
+                    rings + (long)ring * own * wide, wide);
+            views += (long)probes->counts[source] * lanes;
         }
-        for (int wave = 0; wave < own; wave++)
-            product(rows, wide, count, probes->filter[source] + (long)wave * count * rows, 1, rows,
-                    rings + (long)wave * wide, (long)own * wide,
-                    spectrum + (long)wave * rows * wide, wide, 1);
+        for (int wave = 0; wave < own; wave++) {
+            fold(count - 1, wide, rings + (long)wave * wide, (long)own * wide, filtered,
+                 filtered + (long)some * wide);
+            for (int minus = 0; minus < 2; minus++)
+                product(half, wide, some, filter_of(probes, source, wave, minus), 1, half,
+                        filtered + (long)minus * some * wide, wide,
+                        spectra + minus * size + (long)wave * half * wide, wide, 1);
+        }
     }
-    for (int row = 0; row < rows; row++) {
-        const float *from = spectrum + (long)row * wide;
-        long next = (long)rows * wide;
-        product(half, lanes, waves, probes->cosine, 1, half, from, next, even, lanes, 0);
-        product(half, lanes, waves, probes->sine, 1, half, from + lanes, next, odd, lanes, 0);
-        unfold(2 * rows, lanes, even, odd, images + 2L * rows * row * lanes);
+    for (int row = 0; row < half; row++) {
+        for (int minus = 0; minus < 2; minus++)
+            synthesise(2 * rows, probes->waves, lanes, of_rows(probes),
+                       spectra + minus * size + (long)row * wide, (long)half * wide,
+                       mirrored + minus * row_size);
+        unfold(row < rows - 1 - row, row_size, mirrored, mirrored + row_size,
+               images + row * row_size, (rows - 1 - 2 * row) * row_size);
     }
 }
 

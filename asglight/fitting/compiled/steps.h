@@ -105,7 +105,7 @@ typedef struct {
     const float *cosine; /* [waves][rows + 1], of the first half of a row */
     const float *sine;
     int64_t rings[SOURCES_MAX], counts[SOURCES_MAX], own_waves[SOURCES_MAX];
-    const float *filter[SOURCES_MAX];      /* [own waves][rings][rows] */
+    const float *filter[SOURCES_MAX]; /* [own waves][sum, difference][rings / 2][rows / 2] */
     const float *view_cosine[SOURCES_MAX]; /* [counts / 2 + 1][own waves] */
     const float *view_sine[SOURCES_MAX];
 } Probes;
