@@ -32,7 +32,7 @@ def tables(result: dict[str, Any]) -> str:
     at = result["machine"]
     parts = [
         f"{result['lobes']} lobes; {at['processor']}, {at['cores']} cores, torch {at['torch']}; "
-        f"threads: live 2, other presets 1, EM and the paper's recipe {at['threads']}; load "
+        f"threads: presets 1, EM and the paper's recipe {at['threads']}; load "
         f"of the machine before the run {at['load']}."
     ]
     if result["quick"]:

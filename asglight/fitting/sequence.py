@@ -14,7 +14,7 @@ from asglight.fitting.following import fit_next_frame
 from asglight.fitting.options import FitOptions, Preset
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import canonical
-from asglight.threads import Threads, one_thread
+from asglight.threads import one_thread
 
 _EFFORT = {
     Preset.LIVE: first_frame.FAST,
@@ -38,7 +38,6 @@ def fit_frame(
     previous: Lobes | None,
     earlier: Lobes | None = None,
     on_step: StepCallback | None = None,
-    threads: Threads = one_thread,
 ) -> FrameFit:
     """Fit one frame.
 
@@ -48,15 +47,10 @@ def fit_frame(
         previous: The lobes of the frame before; None starts afresh.  [N, .]
         earlier: Those of the frame before that, if there is one.  [N, .]
         on_step: Progress within the frame (`paper` only).
-        threads: Of a next frame (not `paper`). On another number of them sums may round otherwise,
-            and what is fitted in parts or resumed would no longer be the same.
     """
     if options.preset is Preset.PAPER:
         return _paper_frame(reference, options, previous, on_step)
-    with (
-        one_thread() if previous is None else threads(),
-        torch.inference_mode(),
-    ):  # no record for derivatives: 7 % of a live frame
+    with one_thread(), torch.inference_mode():  # no record for derivatives: 7 % of a live frame
         if previous is None:
             form = options.form
             if form is None and options.preset is Preset.LIVE:

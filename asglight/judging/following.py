@@ -12,12 +12,12 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import first_frame, whole_shot
-from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import fit_frame
 from asglight.judging.clock import Clock, Point, timed
 from asglight.lobes import Lobes, matching
 from asglight.lobes.data import stack
-from asglight.threads import Team, one_thread
+from asglight.threads import one_thread
 
 JUMP_DEG, JUMP_SHARE = 10.0, 0.01
 """A lobe jumps that turns by more from one frame to the next, with more of the flux in either."""
@@ -28,21 +28,18 @@ def follow(
 ) -> tuple[list[Lobes], list[Point]]:
     """Fit frames one after the other; return their lobes and seconds.
 
-    `live` has two threads where they are free, as in the viewer; other presets have one.
-
     Args:
         references: Repaired radiance of each frame.  [H, W, 3]
         options: Settings.
         fresh: Start every frame from nothing.
     """
-    threads = Team().turn if options.preset is Preset.LIVE else one_thread
     found: list[Lobes] = []
     seconds: list[Point] = []
     for reference in references:
         known = [] if fresh else found
         previous = known[-1] if known else None
         earlier = known[-2] if len(known) > 1 else None
-        fit, spent = timed(fit_frame, reference, options, previous, earlier, threads=threads)
+        fit, spent = timed(fit_frame, reference, options, previous, earlier)
         found.append(fit.lobes)
         seconds.append(spent)
     return found, seconds

@@ -11,15 +11,12 @@ from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
 from asglight.lobes import Lobes
 from asglight.shots.reading import one_ahead
-from asglight.threads import Team
 
 
 def live_fits(
     read: Callable[[int], Tensor], frames: Sequence[int], lobes: int | None = None
 ) -> Iterator[tuple[int, Lobes]]:
     """Fit frames one after the other, each from the ones before, as `fit_frames` does.
-
-    Next frames are computed by a `Team` of two threads, whose sums may round otherwise than one's.
 
     Args:
         read: Returns the repaired radiance of a frame, [H, 2 H, 3]; called in a thread.
@@ -32,7 +29,7 @@ def live_fits(
     Raises:
         InputError: A frame cannot be read.
     """
-    options, team = FitOptions(lobes, Preset.LIVE), Team()
+    options = FitOptions(lobes, Preset.LIVE)
     before: list[Lobes] = []
     last: Tensor | None = None
     with contextlib.closing(one_ahead(read, list(frames))) as images:
@@ -40,7 +37,7 @@ def live_fits(
             if last is None or not torch.equal(radiance, last):
                 earlier = before[-2] if len(before) > 1 else None
                 previous = before[-1] if before else None
-                fit = fit_frame(radiance, options, previous, earlier, threads=team.turn)
+                fit = fit_frame(radiance, options, previous, earlier)
                 before = [*before[-1:], fit.lobes]
             last = radiance
             yield frame, before[-1]

@@ -3,15 +3,13 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
 from lobe_cases import angle_deg, follow, lamps, sky_and_sun
 from torch import Tensor
 
-from asglight import threads
-from asglight.fitting import newton, seeding
+from asglight.fitting import seeding
 from asglight.fitting.first_frame import fit_first_frame
 from asglight.fitting.following import fit_next_frame
 from asglight.fitting.options import FitOptions, Preset
@@ -281,31 +279,11 @@ def _with_threads(count: int, preset: Preset) -> list[Lobes]:
         torch.set_num_threads(before)
 
 
-def test_the_number_of_threads_changes_no_bit() -> None:
-    for one, other in zip(*(_with_threads(n, Preset.FAST) for n in (1, 2)), strict=True):
+@pytest.mark.parametrize("preset", [Preset.LIVE, Preset.FAST])
+def test_the_number_of_threads_changes_no_bit(preset: Preset) -> None:
+    for one, other in zip(*(_with_threads(n, preset) for n in (1, 2)), strict=True):
         for name in ("axes", "sharpness", "amplitude"):
             assert torch.equal(getattr(one, name), getattr(other, name))
-
-
-def test_two_threads_follow_live_as_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threads, "FREE", 0.0)  # two, however busy the machine is
-    counts: list[int] = []
-    stepped = newton.minimise
-
-    def counted(*args: Any, **settings: Any) -> newton.Outcome:
-        counts.append(torch.get_num_threads())
-        return stepped(*args, **settings)
-
-    monkeypatch.setattr(newton, "minimise", counted)
-    one, two = (_with_threads(n, Preset.LIVE) for n in (1, 2))
-    assert set(counts[: len(counts) // 2]) == {1}
-    assert set(counts[len(counts) // 2 :]) == {1, 2}  # a first frame has one
-    # a product that is shared may be summed in another order, and steps turn aside by its rounding
-    for angle, first, second in zip(ANGLES, one, two, strict=True):
-        reference = sky_and_sun(angle, height=128)
-        errors = [frame_errors(lobes, reference).values for lobes in (first, second)]
-        for name in ("env", "irr", "r0.5", "r0.25"):
-            assert errors[1][name] == pytest.approx(errors[0][name], rel=0.05)
 
 
 VMF_EM = {  # 15 isotropic lobes, 40 EM iterations, 256 x 512: (env, irr, r0.5)
