@@ -251,6 +251,7 @@ def _legend(
         fontsize=13,
     )
     at = result["machine"]
-    text = f"{at['processor']}, {at['cores']} cores, torch {at['torch']}; threads: presets 1, "
+    text = f"{at['processor']}, {at['cores']} cores, torch {at['torch']}, steps {at['steps']}; "
+    text += "threads: presets 1, "
     text += f"EM and the paper's recipe {at['threads']}"
     figure.text(24 / width, 18 / height, text, fontsize=11, color=FAINT)

@@ -31,7 +31,8 @@ def tables(result: dict[str, Any]) -> str:
     """Return all results as Markdown."""
     at = result["machine"]
     parts = [
-        f"{result['lobes']} lobes; {at['processor']}, {at['cores']} cores, torch {at['torch']}; "
+        f"{result['lobes']} lobes; {at['processor']}, {at['cores']} cores, torch {at['torch']}, "
+        f"steps {at['steps']}; "
         f"threads: presets 1, EM and the paper's recipe {at['threads']}; load "
         f"of the machine before the run {at['load']}."
     ]

@@ -8,6 +8,8 @@ from typing import Any
 
 import torch
 
+from asglight.fitting import compiled
+
 OPENMP_SETTINGS = ("OMP_NUM_THREADS", "OMP_WAIT_POLICY", "GOMP_SPINCOUNT")
 """Environment variables that change how long small steps take."""
 
@@ -19,6 +21,7 @@ def machine() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "load": round(os.getloadavg()[0], 2),
         "threads": torch.get_num_threads(),
+        "steps": "torch" if compiled.LIBRARY is None else "compiled",
         "torch": torch.__version__,
         "openmp": {name: os.environ[name] for name in OPENMP_SETTINGS if name in os.environ},
         "python": platform.python_version(),
