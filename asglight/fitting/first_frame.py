@@ -51,14 +51,14 @@ class Effort:
         left: Shares of the errors of an even mixture that a fit is to leave; errors that lag
             behind are brought forward (balance.py).
         finishing: Steps after the levels, on more leaves.
-        in_turn: Whether a start is followed only where the ends of those before lag far behind.
+        again: Starts that go once more where what materials show lags behind (starts.py).
     """
 
     spreads_deg: tuple[float | None, ...]
     levels: tuple[Level, ...]
     left: tuple[float, ...]
     finishing: int
-    in_turn: bool = False
+    again: int = 0
 
 
 LAST = Level(15, Corners(0.1, 0.002))
@@ -93,7 +93,6 @@ FAST = Effort(
     soft_to_sharp(rounds=4),
     (0.9, 0.42, 0.42, 0.5, 0.75),
     finishing=8,
-    in_turn=True,
 )
 """Before rounds came last, J of four was 2 to 4 % lower than with two over ten maps, of one a
 sixth; six gained less than 1 % more."""
@@ -103,6 +102,7 @@ BEST = Effort(
     soft_to_sharp(rounds=30),
     (0.83, 0.31, 0.31, 0.375, 0.67),
     finishing=15,
+    again=3,
 )
 """Rounds in which every split can be tried; over ten maps J still falls by 2 % after 12 of them,
 in one fit by a fifth."""
@@ -214,9 +214,7 @@ def fit_first_frame(
     def fitted(form: Form) -> newton.Outcome:
         """Return the end of the best start."""
         seeds = (seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg)
-        return starts.best_end(
-            seeds, finish, last, aim(), width_min, on_step, in_turn=effort.in_turn
-        )
+        return starts.best_end(seeds, finish, last, aim(), width_min, on_step, effort.again)
 
     found = fitted(first)
     if form is None and flat_tops.promises(found.lobes, whole, width_min):

@@ -13,12 +13,6 @@ from torch import Tensor
 from asglight.fitting import balance, light, newton, objective
 from asglight.lobes import Lobes
 
-AGAIN = 3
-"""Starts that go once more, the nearest first, where what materials show lags behind."""
-
-NEAR = 1.15
-"""Largest lag of an end that steps alone bring forward (balance.py): no other start is followed."""
-
 Finish = Callable[[Lobes, Tensor | None, newton.OnStep | None], newton.Outcome]
 """Follows a start [N, .] to its end; with factors of J's weights [5], if they are given. The end is
 on the leaves on which ends are compared."""
@@ -63,12 +57,11 @@ def best_end(
     aim: Tensor,
     width_min: float,
     on_step: newton.OnStep | None = None,
-    *,
-    in_turn: bool = False,
+    again: int = 0,
 ) -> newton.Outcome:
     """Follow each start to its end, and return the end to take.
 
-    Where what materials show lags behind in it, the starts that came nearest go once more with the
+    Where what materials show lags behind in it, starts that came near may go once more with the
     weight of that raised: which lamps get the lobes is settled on the way. What the map lacks is
     made up for by steps alone.
 
@@ -79,7 +72,7 @@ def best_end(
         aim: What errors are to come to there.
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes of the first start, then with the best so far.
-        in_turn: Follow a start only where the ends of those before lag far behind, none again.
+        again: Starts that go once more where what materials show lags behind, the nearest first.
     """
     ends: list[End] = []
 
@@ -93,20 +86,15 @@ def best_end(
 
     for seed in seeds:
         ends.append(reached(seed))
-        if in_turn and ends[-1].settled_order[0] <= NEAR:
-            break
-    if in_turn:
-        near = min(ends, key=lambda each: each.settled_order)
-        return balance.balanced(near.found, frame, aim, width_min)
     nearest = sorted(ends, key=lambda each: each.order)
     best = settled(nearest[0], frame, aim, width_min)
-    going = nearest[:AGAIN] if best.behind > 1 else []
+    going = nearest[:again] if best.behind > 1 else []
     for end in going:
         if best.settled_order[0] <= 1:
             break
         weights = balance.raised(end.lag)
-        again = settled(reached(end.seed, weights), frame, aim, width_min, weights)
-        best = min(best, again, key=lambda each: each.settled_order)
+        other = settled(reached(end.seed, weights), frame, aim, width_min, weights)
+        best = min(best, other, key=lambda each: each.settled_order)
     return best.found
 
 

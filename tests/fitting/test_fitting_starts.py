@@ -78,9 +78,9 @@ def test_the_starts_that_came_nearest_go_once_more_with_what_lags_behind_raised(
         return usual(seed, weights, report)
 
     beyond = torch.tensor([1e6, 1e6, 1e6, 1e-9, 1e6])  # an r0.5 that none comes to
-    found = starts.best_end(seeds, finish, frame, beyond, width_min)
+    found = starts.best_end(seeds, finish, frame, beyond, width_min, again=2)
     again = asked[len(seeds) :]
-    assert len(again) == min(starts.AGAIN, len(seeds))
+    assert len(again) == 2
     expected = torch.tensor([1.0, 1.0, 1.0, balance.FACTOR_MAX, 1.0])
     assert all(torch.equal(weights, expected) for _, weights in again if weights is not None)
     ends = [usual(seed, None, None) for seed in seeds]
@@ -89,7 +89,7 @@ def test_the_starts_that_came_nearest_go_once_more_with_what_lags_behind_raised(
     assert float(balance.lags(found, frame, beyond)[3]) < min(wrong)
 
 
-def test_starts_in_turn_are_followed_while_ends_lag_far_behind() -> None:
+def test_no_start_goes_once_more_where_none_shall() -> None:
     seeds, frame, width_min = _starts()
     asked: list[Lobes] = []
     usual = _finish(frame, width_min)
@@ -99,17 +99,9 @@ def test_starts_in_turn_are_followed_while_ends_lag_far_behind() -> None:
         asked.append(seed)
         return usual(seed, weights, report)
 
-    ends = [usual(seed, None, None) for seed in seeds]
-    rough = [float(balance.lags(end, frame, torch.ones(5))[3]) for end in ends]
-    for lag, followed in ((0.99, 1), (0.99 * starts.NEAR, 1), (1.01 * starts.NEAR, 3)):
-        asked.clear()
-        aim = AHEAD.clone()
-        aim[3] = min(rough) / (100 * lag) if followed == 3 else rough[0] / lag
-        found = starts.best_end(seeds, finish, frame, aim, width_min, in_turn=True)
-        assert [id(each) for each in asked] == [id(each) for each in seeds[:followed]]
-        nearest = min(range(followed), key=lambda index: rough[index])
-        expected = balance.balanced(ends[nearest], frame, aim, width_min)
-        assert torch.equal(found.lobes.amplitude, expected.lobes.amplitude)
+    beyond = torch.tensor([1e6, 1e6, 1e6, 1e-9, 1e6])
+    starts.best_end(iter(seeds), finish, frame, beyond, width_min)
+    assert [id(each) for each in asked] == [id(each) for each in seeds]
 
 
 def test_fits_end_on_finer_leaves() -> None:
@@ -117,8 +109,7 @@ def test_fits_end_on_finer_leaves() -> None:
     fine = first_frame.on_fine_leaves(frame)
     usual = objective.target(frame.radiance)
     assert fine.places.share.shape[-1] > 3 * usual.places.share.shape[-1]
-    assert first_frame.FAST.in_turn
-    assert not first_frame.BEST.in_turn
+    assert first_frame.FAST.again == 0 < first_frame.BEST.again
 
 
 def test_finer_leaves_see_the_light_of_a_streak_better() -> None:
