@@ -45,6 +45,11 @@ def is_round(lobes: Lobes) -> Tensor:
     return shifted.amax(-1) < ROUND_RATIO * shifted.amin(-1)
 
 
+PULLS, BEYOND = 4, 1e-4
+"""Pulls to each of two leashes in turn, and by how much less than a cosine a direction may be after
+them: 0.03 degrees for leashes of 10. A lobe that is further stays where it is."""
+
+
 @dataclass(frozen=True)
 class Leash:
     """How far from where it was a lobe may be.
@@ -66,13 +71,35 @@ class Leash:
         return torch.where(along < cosine, edge, axis_z)
 
 
-def pulled_back(lobes: Lobes, leash: Leash) -> Lobes:
+@dataclass(frozen=True)
+class Between:
+    """How far from two places a lobe may be: those it has in the frames before and after.
+
+    Attributes:
+        before: Its leash to the one.
+        after: Its leash to the other.
+        own: Where it is: within both.  [..., N, 3]
+    """
+
+    before: Leash
+    after: Leash
+    own: Tensor
+
+    def hold(self, axis_z: Tensor) -> Tensor:
+        """Return unit directions pulled back to within both angles.  [..., N, 3]."""
+        for _ in range(PULLS):
+            axis_z = self.after.hold(self.before.hold(axis_z))
+        beyond = (axis_z * self.before.axis_z).sum(-1) < self.before.cosine - BEYOND
+        return torch.where(beyond[..., None], self.own, axis_z)
+
+
+def pulled_back(lobes: Lobes, leash: Leash | Between) -> Lobes:
     """Turn lobes the shortest way back to within their leash.  [..., N, .]."""
     return replace(lobes, axes=parallel_transport(lobes.axes, leash.hold(lobes.axis_z)))
 
 
 def advance(
-    lobes: Lobes, step: Tensor, width_min: float = 0.0, leash: Leash | None = None
+    lobes: Lobes, step: Tensor, width_min: float = 0.0, leash: Leash | Between | None = None
 ) -> Lobes:
     """Move lobes by a step in local coordinates, within its trust bounds.
 

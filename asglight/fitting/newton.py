@@ -20,7 +20,7 @@ from torch import Tensor
 
 from asglight.fitting import compiled, lobe_images, objective, temporal
 from asglight.fitting.captured import Replays
-from asglight.fitting.coordinates import UNKNOWNS, Leash, advance
+from asglight.fitting.coordinates import UNKNOWNS, Between, Leash, advance
 from asglight.fitting.footprints import Footprint, footprint
 from asglight.fitting.grid import cell_sums, coarser, grid
 from asglight.fitting.lobe_images import COLUMNS, Images
@@ -80,7 +80,8 @@ class _Setting:
     frame: objective.Target
     priors: tuple[temporal.Prior, ...]
     width_min: float
-    leash: Leash | None
+    leash: Leash | Between | None
+    still: Tensor | None = None
 
 
 _Progress = tuple[_State, Tensor]
@@ -98,7 +99,8 @@ def minimise(
     priors: Sequence[temporal.Prior] = (),
     damping: Tensor | float = DAMPING_START,
     width_min: float = 0.0,
-    leash: Leash | None = None,
+    leash: Leash | Between | None = None,
+    still: Tensor | None = None,
     tolerance: float = TOLERANCE,
     on_step: OnStep | None = None,
     shown: Images | None = None,
@@ -113,11 +115,12 @@ def minimise(
         damping: First damping.  [F]
         width_min: Sigma of the narrowest lobe allowed, radians.
         leash: Bounds on the directions.
+        still: Which lobes stay as they are.  [F, N]
         tolerance: Stop when the step of each frame lowers J by less than this share of it.
         on_step: Called with the lobes after each step.
         shown: The lobes on the frame's leaves, where they are known.
     """
-    given = _Setting(frame, tuple(priors), width_min, leash)
+    given = _Setting(frame, tuple(priors), width_min, leash, still)
     state = _judged(shown or lobe_images.images(lobes, frame.places), frame, given.priors)
     damping = torch.as_tensor(damping, dtype=torch.float64, device=lobes.axes.device)
     damping = damping.expand(len(state.value))
@@ -165,7 +168,7 @@ def _tried(
     state: _State, equations: tuple[Tensor, Tensor], damping: Tensor, given: _Setting
 ) -> _State:
     lobes = state.shown.lobes
-    step = _solve(*equations, lobes, damping)
+    step = _solve(*equations, lobes, damping, given.still)
     ahead = advance(lobes, step, given.width_min, given.leash)
     frame = given.frame
     return _judged(lobe_images.images(ahead, frame.places), frame, given.priors)
@@ -268,7 +271,9 @@ def _chain(gram: Tensor, amplitude: Tensor) -> Tensor:
     return hessian.reshape(frames, count * UNKNOWNS, count * UNKNOWNS)
 
 
-def _solve(hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor) -> Tensor:
+def _solve(
+    hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor, still: Tensor | None
+) -> Tensor:
     """Solve the damped systems; unknowns at a bound that would cross it stay.  [F, N, 8]."""
     if compiled.moves(lobes):
         return compiled.solve(hessian, gradient, lobes, damping, asg.SHARPNESS_MIN)
@@ -276,6 +281,8 @@ def _solve(hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor) -> 
     held = torch.zeros_like(ahead, dtype=torch.bool)
     held[..., 2:4] = (lobes.sharpness <= asg.SHARPNESS_MIN) & (ahead[..., 2:4] > 0)
     held[..., 5:] = (lobes.amplitude <= 0) & (ahead[..., 5:] > 0)
+    if still is not None:
+        held |= still[..., None]
     free = ~held.flatten(1)
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
     largest = diagonal.amax(-1, keepdim=True).clamp(min=1e-300)

@@ -194,6 +194,41 @@ def test_a_leash_holds_a_lobe_within_its_angle() -> None:
     torch.testing.assert_close(across, torch.zeros_like(across))
 
 
+def test_between_two_leashes_a_lobe_keeps_within_both() -> None:
+    """However far it would go; near both it goes where it would."""
+    generator = torch.Generator().manual_seed(1)
+    own = torch.nn.functional.normalize(
+        torch.randn(500, 3, generator=generator, dtype=DOUBLE), dim=-1
+    )
+
+    def away(size: float) -> torch.Tensor:
+        step = torch.randn(500, 3, generator=generator, dtype=DOUBLE)
+        return torch.nn.functional.normalize(own + size * step, dim=-1)
+
+    places = away(0.1), away(0.1)
+    # each leash reaches to the lobe, some hardly further
+    slack = 1 + torch.rand(500, generator=generator, dtype=DOUBLE) ** 3
+    angles = [slack * torch.acos((place * own).sum(-1)) for place in places]
+    leashes = [
+        coordinates.Leash(place, angle.cos()) for place, angle in zip(places, angles, strict=True)
+    ]
+    between = coordinates.Between(*leashes, own)
+    found = between.hold(away(0.5))
+    for place, angle in zip(places, angles, strict=True):
+        beyond = torch.acos((found * place).sum(-1)) - angle
+        assert float(beyond.max()) < math.radians(0.2)  # the cosine's part in 10 000, at 2 degrees
+    torch.testing.assert_close(found.norm(dim=-1), torch.ones(500, dtype=DOUBLE))
+    loose = coordinates.Between(
+        *(
+            coordinates.Leash(leash.axis_z, torch.full_like(leash.cosine, -1.0))
+            for leash in leashes
+        ),
+        own,
+    )
+    wanted = away(0.5)
+    torch.testing.assert_close(loose.hold(wanted), wanted)
+
+
 def test_at_the_limit_of_round_both_coordinates_move_the_lobe_equally_fast() -> None:
     ratio = coordinates.ROUND_RATIO
     assert ratio - 1 == pytest.approx(ratio**0.5, rel=0.01)  # |sx - sy|, sqrt(sx sy), for sy = 1

@@ -266,6 +266,23 @@ def test_a_dark_lobe_that_the_map_does_not_want_leaves_the_step_to_the_others() 
     torch.testing.assert_close(stepped.sharpness[:, :1], expected.sharpness, rtol=1e-4, atol=0)
 
 
+def test_lobes_that_stay_leave_the_steps_to_the_others() -> None:
+    """As if the map were what they leave of it, a dark one among them."""
+    frame = shown(KNOWN, 64)
+    start = advance(KNOWN[None], 0.1 * torch.ones(1, 3, UNKNOWNS))
+    start.amplitude[0, 1] = 0.0
+    still = torch.tensor([[True, True, False]])
+    found = newton.minimise(start, frame, 12, still=still).lobes
+    for name in ("axes", "sharpness", "amplitude"):
+        own, before = (getattr(each, name)[:, :2] for each in (found, start))
+        torch.testing.assert_close(own, before, rtol=1e-5, atol=1e-6)  # made orthonormal again
+    held = lobe_images.images(start.select(torch.tensor([0, 1])), frame.places).radiance
+    alone = newton.minimise(start.select(torch.tensor([2])), objective.less(frame, held), 12).lobes
+    torch.testing.assert_close(found.axis_z[:, 2:], alone.axis_z, rtol=0, atol=1e-3)
+    torch.testing.assert_close(found.sharpness[:, 2:], alone.sharpness, rtol=0.02, atol=0)
+    assert float((found.axis_z[0, 2] - start.axis_z[0, 2]).norm()) > 0.01
+
+
 @pytest.mark.parametrize("form", [Form.ASG, Form.SG])
 def test_minimise_keeps_to_the_narrowest_width_allowed(form: Form) -> None:
     frame = shown(replace(lamps([(1, 0.2, 0)], [400.0], [50.0]), form=form), 64)

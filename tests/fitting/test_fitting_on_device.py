@@ -18,7 +18,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from asglight.fitting import lobe_images, newton, temporal
 from asglight.fitting.captured import kind_of, mapped
-from asglight.fitting.coordinates import Leash
+from asglight.fitting.coordinates import Between, Leash
 from asglight.lobes import Form
 
 DEVICE = torch.device("meta")
@@ -56,17 +56,19 @@ def _only_there() -> Iterator[None]:
 def _start(form: Form, frames: int, held: bool) -> tuple[newton._Progress, newton._Setting]:
     """Return where a step begins, as a pass over a shot takes it if lobes are held.
 
-    There each neighbour has a prior, and so has the frame itself.
+    There each neighbour has a prior and a leash, and some lobes stay.
     """
     lobes = alike(form, seeds=tuple(range(frames)))
     frame = target(noise(64, frames), 32, 8)
-    priors, leash = (), None
+    priors, leash, still = (), None, None
     if held:
-        priors = (*[temporal.prior(lobes, 0.05)] * 2, temporal.prior(lobes))
-        leash = Leash(lobes.axis_z, torch.full(lobes.axis_z.shape[:-1], math.cos(0.1)))
+        priors = (temporal.prior(lobes, 0.05),) * 2
+        own = Leash(lobes.axis_z, torch.full(lobes.axis_z.shape[:-1], math.cos(0.1)))
+        leash = Between(own, own, lobes.axis_z)
+        still = temporal.is_faint(lobes)
     state = newton._judged(lobe_images.images(lobes, frame.places), frame, priors)
     damping = torch.full((frames,), 0.01, dtype=torch.float64)
-    return (state, damping), newton._Setting(frame, priors, 0.003, leash)
+    return (state, damping), newton._Setting(frame, priors, 0.003, leash, still)
 
 
 def _there(value: Any) -> Any:
