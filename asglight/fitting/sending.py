@@ -117,7 +117,7 @@ def lit_where_worth(
         if not bool(idle.any()):
             break
         index = int((idle.int() + (idle & in_place).int()).argmax())
-        trials = [best, *_trials(best, index, frame)]
+        trials = [best, *elsewhere(best, index, frame)]
         if bool(in_place[index]):
             own = torch.tensor([index])
             trials.append(best.replaced(own, as_started.select(own)))
@@ -150,12 +150,20 @@ def _free_dark(start: newton.Outcome, free: Tensor, frame: objective.Target) -> 
     return replace(start, lobes=black.replaced(~free, lit)[None], shown=None)
 
 
-def _trials(lobes: Lobes, index: int, frame: objective.Target) -> list[Lobes]:
-    """Return the lobes with a dark one in each place that it may be worth."""
+def elsewhere(lobes: Lobes, index: int, frame: objective.Target, later: int = 0) -> list[Lobes]:
+    """Return the lobes with a dark one in each place that it may be worth.
+
+    Args:
+        lobes: All lobes.  [N, .]
+        index: The dark one.
+        frame: The map on few leaves.
+        later: How often other places were tried before: the splits that come next compete.
+    """
     shown = lobe_images.images(lobes[None], frame.places)
     may_go = torch.full((lobes.count,), torch.inf)
     may_go[index] = 0.0
-    splits = regroup.ordered(shown, frame, may_go)[:SPLITS]
+    ordered = regroup.ordered(shown, frame, may_go)
+    splits = [ordered[(later * SPLITS + place) % len(ordered)] for place in range(SPLITS)]
     own = torch.zeros(lobes.count, dtype=torch.bool, device=lobes.axes.device)
     own[index] = True
     return [*(regroup.halved(lobes, *split) for split in splits), sent(lobes, own, frame)]

@@ -9,19 +9,24 @@ import torch
 from lobe_cases import follow, lamps, sky_and_sun
 from torch import Tensor
 
-from asglight.fitting import objective, temporal, whole_shot
+from asglight.fitting import between, objective, replanning, temporal, whole_shot
+from asglight.fitting.between import Chunk
 from asglight.fitting.coordinates import UNKNOWNS, advance
 from asglight.fitting.first_frame import Exposed, exposed
 from asglight.fitting.following import LEASH_DEG
 from asglight.fitting.lobe_images import images
 from asglight.fitting.objective import ENV_WEIGHT
 from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.plans import Places
 from asglight.fitting.probes import PROBES
+from asglight.fitting.replanning import Survey
 from asglight.fitting.whole_shot import refine_shot
+from asglight.judging.following import jumps
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
-from asglight.lobes.frames import parallel_transport
+from asglight.lobes.frames import axes_around, parallel_transport
+from asglight.lobes.matching import flux_shares
 
 LIVE = FitOptions(lobes=4, preset=Preset.LIVE)
 
@@ -143,13 +148,84 @@ def test_black_frames_stay_as_they_are() -> None:
     assert bool(found.amplitude.isfinite().all())
 
 
-def test_a_dark_lobe_stays_dark() -> None:
-    maps = _noisy(3)
-    shot = _fitted(maps)
-    amplitude = shot.amplitude.clone()
-    amplitude[1, 3] = 0
-    found, _ = _refined(replace(shot, amplitude=amplitude), maps)
-    assert torch.equal(found.amplitude[1, 3], torch.zeros(3))
+def _three_lamps(light: list[float]) -> Lobes:
+    return lamps([(0, 1, 0.2), (1, 0.2, 0), (-0.5, 0.3, -1)], [2.0, 30.0, 60.0], light)
+
+
+def test_a_lobe_that_turns_stays_faint_and_one_that_does_not_is_lit() -> None:
+    """Between two lit places it is dark for two frames, and turns between these."""
+    lit, dark = _three_lamps([1.0, 8.0, 5.0]), _three_lamps([1.0, 8.0, 0.0])
+    elsewhere = lamps([(0, 1, 0.2), (1, 0.2, 0), (0.3, 0.1, 1)], [2.0, 30.0, 60.0], [1.0, 8.0, 0.0])
+    shot = stack([lit, dark, elsewhere, elsewhere])
+    maps = [texels.texel_means(_three_lamps([1.0, 8.0, 5.0]), 64, 128)] * 4
+    maps[3] = maps[3] + texels.texel_means(replace(elsewhere, amplitude=lit.amplitude), 64, 128)
+    found, _ = _refined(shot, maps)
+    shares = torch.stack([flux_shares(found[k])[2] for k in range(4)])
+    assert float(shares[1]) < 1.2 * temporal.FAINT_SHARE  # the flux is made exact after that
+    assert float(shares[2]) < 1.2 * temporal.FAINT_SHARE
+    assert float(shares[0]) > 0.01
+    assert float(shares[3]) > 0.01  # it was dark in this frame, where nothing holds it
+    assert jumps([found[k] for k in range(4)]) == 0
+
+
+def _passing(degrees: float) -> Lobes:
+    """Return a lamp over a dim sky and two lamps beside it that stand."""
+    angle = math.radians(degrees)
+    lamp = (math.sin(angle), 0.4, math.cos(angle))
+    return lamps(
+        [lamp, (0.0, 1.0, 0.0), (0.2, -0.3, -1.0), (-0.2, -0.3, -1.0)],
+        [90.0, 0.6, 40.0, 40.0],
+        [12.0, 0.1, 3.0, 3.0],
+    )
+
+
+def test_a_lobe_that_is_spare_is_lit_where_a_lamp_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lamp that no lobe stands for passes while a lobe elsewhere is dark."""
+    truth = [_passing(8.0 * k) for k in range(9)]
+    maps = [texels.texel_means(lobes, 64, 128) for lobes in truth]
+    waits = torch.tensor([True, False, False, False])
+    spare = lamps([(0, -1, 0.3)], [60.0], [0.0])
+    shot = stack([lobes.replaced(waits, spare) for lobes in truth])
+    planned, _ = _refined(shot, maps)
+    monkeypatch.setattr(whole_shot, "replan", lambda *_: None)
+    kept, _ = _refined(shot, maps)
+    wrong = [
+        sum(frame_errors(lobes[k], radiance).values["r0.25"] for k, radiance in enumerate(maps))
+        for lobes in (planned, kept)
+    ]
+    assert wrong[0] < 0.2 * wrong[1]
+    assert jumps([planned[k] for k in range(9)]) == 0
+
+
+def test_a_plan_that_shows_more_wrong_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that takes a lobe away from a lamp, because what it is missed was not told."""
+    truth = [_passing(2.0 * k) for k in range(7)]
+    maps = [texels.texel_means(lobes, 64, 128) for lobes in truth]
+    shot = stack(truth)
+    there = torch.nn.functional.normalize(torch.tensor([0.1, -1.0, 0.1]), dim=0)
+    lobe = replace(shot[3], axes=shot.axes[3]).select(torch.tensor([0] * 3))
+    lobe.axes[:] = axes_around(there)
+    places = Places(
+        lobe.axis_z.expand(7, 3, 3),
+        torch.full((7, 3), -math.inf).index_fill(0, torch.tensor([3]), 0.5),
+        torch.zeros(7, 4).index_fill(1, torch.tensor([1, 2, 3]), math.inf),
+        shot.axis_z,
+        shot.axis_z,
+        torch.ones(7, dtype=torch.bool),
+    )
+    survey = Survey(places, stack([lobe] * 7))
+    monkeypatch.setattr(replanning, "_surveyed", lambda *_: survey)
+    frames = [exposed(radiance) for radiance in maps]
+    chunk = Chunk(0, frames, [0.0] * 7, [0.0] * 7)
+    between.sweep(shot, chunk, chunk.places)
+    before, losses = shot.clone(), list(chunk.losses)
+    allowed = torch.ones(7, 4, dtype=torch.bool)
+    replanning.replan(shot, chunk, allowed, 0)
+    for name in ("axes", "sharpness", "amplitude"):
+        assert torch.equal(getattr(shot, name), getattr(before, name))
+    assert chunk.losses == losses
+    assert allowed.int().sum() == 27
+    assert not bool(allowed[3, 0])
 
 
 def test_frames_of_different_sizes_stay_as_they_are() -> None:
@@ -177,13 +253,13 @@ def test_a_lobe_at_the_end_of_its_leash_is_no_cut() -> None:
     axis = torch.stack([angle.sin(), angle * 0, angle.cos()])
     after.axes[0] = parallel_transport(after.axes[0], axis)
     before, after = stack([lobes.to(torch.float64)]), stack([after])
-    turned = whole_shot._turned_deg(before, after)
+    turned = between._turned_deg(before, after)
     assert float(turned.max()) > LEASH_DEG
-    assert bool(whole_shot._same_shot(before, after, turned).all())
+    assert bool(between._same_shot(before, after, turned).all())
     lit_elsewhere = torch.tensor([[50.0, 0.0]], dtype=torch.float64)
     sent = replace(after, amplitude=after.amplitude * torch.tensor([0.0, 1.0])[None, :, None])
-    assert bool(whole_shot._same_shot(before, sent, lit_elsewhere).all())  # it has no light to jump
-    assert not bool(whole_shot._same_shot(before, after, lit_elsewhere).any())
+    assert bool(between._same_shot(before, sent, lit_elsewhere).all())  # it has no light to jump
+    assert not bool(between._same_shot(before, after, lit_elsewhere).any())
 
 
 def test_a_lamp_that_rushes_past_is_not_dragged_back() -> None:
@@ -198,7 +274,7 @@ def test_a_lamp_that_rushes_past_is_not_dragged_back() -> None:
 
     def loss(lobes: Lobes, radiance: Tensor) -> float:
         frame = exposed(radiance)
-        target = objective.target(frame.radiance, whole_shot.CORNERS)
+        target = objective.target(frame.radiance, between.CORNERS)
         own = replace(lobes, amplitude=lobes.amplitude / frame.exposure)[None]
         return float(objective.value(images(own, target.places).radiance, target))
 
@@ -211,11 +287,11 @@ def test_materials_are_not_traded_for_the_map() -> None:
     """A step that pays for light with detail is not kept, though J as a whole hardly grows."""
     checks = (torch.arange(64)[:, None] + torch.arange(128)) % 2  # no material sees them
     frame = exposed((0.5 + checks)[..., None].repeat(1, 1, 3))
-    target = objective.target(frame.radiance, whole_shot.CORNERS)
+    target = objective.target(frame.radiance, between.CORNERS)
     even = torch.full_like(target.radiance, float(target.radiance.mean()))
     brighter = even * 1.001
     values = [float(objective.value(each, target)) for each in (even, brighter)]
-    assert values[1] < (1 + whole_shot.RISE) * values[0]
-    assert bool(whole_shot._risen(brighter, even, target))
-    assert not bool(whole_shot._risen(even, brighter, target))
-    assert not bool(whole_shot._risen(even, even, target))
+    assert values[1] < (1 + between.RISE) * values[0]
+    assert bool(between._risen(brighter, even, target))
+    assert not bool(between._risen(even, brighter, target))
+    assert not bool(between._risen(even, even, target))
