@@ -31,7 +31,7 @@ from asglight.judging.following import follow, jumps, matched, refined
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 
-PRESETS = (Preset.LIVE, Preset.FAST)
+PRESETS = (Preset.LIVE, Preset.FAST, Preset.BEST)
 
 
 class Shot(NamedTuple):
@@ -111,7 +111,7 @@ def measured(maps: list[Tensor], options: FitOptions, *, fresh: bool = False) ->
         lobes = matched(found)
     else:
         if options.preset is not Preset.LIVE:
-            found, seconds = refined(maps, found, seconds)
+            found, seconds = refined(maps, found, seconds, options.preset)
         shot = waiting(stack(found))  # as it is written
         lobes = [shot[frame] for frame in range(len(maps))]
     truth = [measures.shown(each) for each in maps]

@@ -112,7 +112,7 @@ def advance(
     limit = asg.SHARPNESS_MAX
     if width_min > 0:
         limit = min(limit, 1 / (asg.per_variance(lobes.form) * width_min**2))
-    if compiled.moves(lobes):
+    if compiled.moves(lobes) and not isinstance(leash, Between):
         bounds = (TILT_MAX_WIDTHS, TILT_MAX, SHAPE_MAX, asg.SHARPNESS_MIN, limit)
         held = None if leash is None else (leash.axis_z, leash.cosine)
         return compiled.advance(lobes, step, bounds, held)

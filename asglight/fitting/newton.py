@@ -272,11 +272,11 @@ def _chain(gram: Tensor, amplitude: Tensor) -> Tensor:
 
 
 def _solve(
-    hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor, still: Tensor | None
+    hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor, still: Tensor | None = None
 ) -> Tensor:
     """Solve the damped systems; unknowns at a bound that would cross it stay.  [F, N, 8]."""
     if compiled.moves(lobes):
-        return compiled.solve(hessian, gradient, lobes, damping, asg.SHARPNESS_MIN)
+        return compiled.solve(hessian, gradient, lobes, damping, still, asg.SHARPNESS_MIN)
     ahead = gradient.reshape(-1, lobes.count, UNKNOWNS)
     held = torch.zeros_like(ahead, dtype=torch.bool)
     held[..., 2:4] = (lobes.sharpness <= asg.SHARPNESS_MIN) & (ahead[..., 2:4] > 0)

@@ -20,18 +20,19 @@ CHUNK = 16
 """Frames in memory: 25 MB of maps of 256 rows, and half as many side by side."""
 
 ROUNDS = 2
-"""Of plans, each with a sweep over all frames. A third one has 3 % less of r0.5 and flicker in a
-tunnel, for a third more time."""
+"""Of plans in `best`, each with a sweep over all frames. A third one has 3 % less of r0.5 and
+flicker in a tunnel, for a third more time. `fast` has none: they take as long as following."""
 
 
 def refine_shot(
-    lobes: Lobes, chunks: Iterable[list[Exposed]]
+    lobes: Lobes, chunks: Iterable[list[Exposed]], rounds: int = 0
 ) -> Iterator[tuple[int, Lobes, list[float]]]:
     """Refine a shot some frames at a time.
 
     Args:
         lobes: Every frame as fitted, in the units of its map.  [F, N, .]
         chunks: The maps in order, about `CHUNK` at a time.
+        rounds: Of plans.
 
     Yields:
         Index of the first frame of a chunk, the chunk's lobes [F', N, .] and its losses.
@@ -41,12 +42,12 @@ def refine_shot(
     for frames in chunks:
         zeros = [0.0] * len(frames)
         chunk = Chunk(first, frames, zeros.copy(), zeros.copy())
-        _refine(shot, chunk)
+        _refine(shot, chunk, rounds)
         yield first, shot[first : first + len(frames)].clone(), chunk.losses
         first += len(frames)
 
 
-def _refine(shot: Lobes, chunk: Chunk) -> None:
+def _refine(shot: Lobes, chunk: Chunk, rounds: int) -> None:
     """Refine the frames of a chunk in place.
 
     Black frames stay as they are, and so do all where the maps differ in size.
@@ -55,6 +56,6 @@ def _refine(shot: Lobes, chunk: Chunk) -> None:
         return
     allowed = torch.ones(len(chunk.frames), shot.count, dtype=torch.bool)
     sweep(shot, chunk, chunk.places)
-    for later in range(ROUNDS):
+    for later in range(rounds):
         replan(shot, chunk, allowed, later)
         sweep(shot, chunk, chunk.places)

@@ -83,7 +83,7 @@ def _fits(
         def fit(references: Sequence[Tensor], frames: Iterable[Tensor]) -> Fitted:
             lobes, seconds = fit_frames(frames, FitOptions(plan.lobes, preset))
             if again:
-                lobes, seconds = refined(references, lobes, seconds)
+                lobes, seconds = refined(references, lobes, seconds, preset)
             shot = waiting(stack(lobes))
             return [shot[k] for k in range(len(lobes))], seconds
 

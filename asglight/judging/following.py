@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import first_frame, whole_shot
-from asglight.fitting.options import FitOptions
-from asglight.fitting.sequence import fit_frame
+from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.sequence import PLANS, fit_frame
 from asglight.judging.clock import Clock, Point, timed
 from asglight.lobes import Lobes, matching
 from asglight.lobes.data import stack
@@ -46,14 +46,24 @@ def follow(
 
 
 def refined(
-    references: Sequence[Tensor], found: Sequence[Lobes], seconds: Sequence[Point]
+    references: Sequence[Tensor],
+    found: Sequence[Lobes],
+    seconds: Sequence[Point],
+    preset: Preset = Preset.FAST,
 ) -> tuple[list[Lobes], list[Point]]:
-    """Refine a shot as `asglight fit` does; its seconds count evenly on every frame."""
+    """Refine a shot as `asglight fit` does; its seconds count evenly on every frame.
+
+    Args:
+        references: Repaired radiance of each frame.  [H, W, 3]
+        found: The lobes of each.  [N, .]
+        seconds: Of each.
+        preset: One of `PLANS`.
+    """
     clock, size = Clock(), whole_shot.CHUNK
     shot, frames = stack(list(found)), [first_frame.exposed(radiance) for radiance in references]
     chunks = [frames[at : at + size] for at in range(0, len(frames), size)]
     with one_thread():
-        parts = [part for _, part, _ in whole_shot.refine_shot(shot, chunks)]
+        parts = [part for _, part, _ in whole_shot.refine_shot(shot, chunks, PLANS[preset])]
     whole = clock.seconds()
     total = [{name: s + whole[name] / len(frames) for name, s in one.items()} for one in seconds]
     return [part[index] for part in parts for index in range(len(part.axes))], total

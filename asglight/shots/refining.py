@@ -11,7 +11,8 @@ from dataclasses import replace
 
 from asglight.errors import InputError
 from asglight.fitting.first_frame import Exposed, exposed
-from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.options import FitOptions
+from asglight.fitting.sequence import PLANS
 from asglight.fitting.whole_shot import CHUNK, refine_shot
 from asglight.images import Sequence
 from asglight.images.message import shown
@@ -20,9 +21,6 @@ from asglight.shots.events import OnProgress, Refined
 from asglight.shots.reading import read_ahead
 from asglight.shots.records import FrameRecord, own_frames, places_of
 from asglight.threads import one_thread
-
-REFINED = (Preset.FAST, Preset.BEST)
-"""Presets whose shots are refined: `live` has no time, and `paper` is as published."""
 
 
 def refined(
@@ -42,12 +40,13 @@ def refined(
         InputError: A frame has changed since it was fitted, or cannot be read any more.
     """
     own = own_frames(records)
-    if options.preset not in REFINED or len(own) < 2:
+    if options.preset not in PLANS or len(own) < 2:
         return records
     result = list(own)
     shot = stack([record.lobes for record in own])
     with one_thread():
-        for first, lobes, losses in refine_shot(shot, _chunks(own, sequence, options)):
+        chunks = _chunks(own, sequence, options)
+        for first, lobes, losses in refine_shot(shot, chunks, PLANS[options.preset]):
             for place, loss in enumerate(losses):
                 index = first + place
                 result[index] = replace(own[index], lobes=lobes[place], loss=loss)

@@ -167,17 +167,21 @@ def _equations(lobes: Lobes) -> tuple[Tensor, Tensor]:
 
 
 @pytest.mark.parametrize("count", COUNTS)
-def test_the_solved_step_is_that_of_torch(count: int, torch_steps: None) -> None:
+@pytest.mark.parametrize("some_stay", [False, True])
+def test_the_solved_step_is_that_of_torch(count: int, some_stay: bool, torch_steps: None) -> None:
     lobes = alike(Form.ASG, count, (0, 1))
     lobes.amplitude[0, 0] = 0.0  # at its bound
     lobes.sharpness[1, 0] = 1e-3
     hessian, gradient = _equations(lobes)
     hessian[0, 3] = hessian[0, :, 3] = 0.0  # nothing sees it
     damping = torch.tensor([1e-3, 10.0], dtype=DOUBLE)
-    expected = newton._solve(hessian, gradient, lobes, damping)
+    still = torch.zeros(2, count, dtype=torch.bool) if some_stay else None
+    if still is not None:
+        still[1, -1] = True
+    expected = newton._solve(hessian, gradient, lobes, damping, still)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compiled, "LIBRARY", compiled.load())
-        found = newton._solve(hessian, gradient, lobes, damping)
+        found = newton._solve(hessian, gradient, lobes, damping, still)
     # both in float64; what differs is the order of a hundred thousand products
     torch.testing.assert_close(found, expected, rtol=1e-8, atol=1e-10)
     assert bool((found[0, 0, 5:] >= 0).all())

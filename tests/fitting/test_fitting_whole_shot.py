@@ -10,7 +10,7 @@ from lobe_cases import follow, lamps, sky_and_sun
 from torch import Tensor
 
 from asglight.fitting import between, objective, replanning, temporal, whole_shot
-from asglight.fitting.between import Chunk
+from asglight.fitting.between import RISE, Chunk
 from asglight.fitting.coordinates import UNKNOWNS, advance
 from asglight.fitting.first_frame import Exposed, exposed
 from asglight.fitting.following import LEASH_DEG
@@ -35,10 +35,12 @@ def _fitted(maps: list[Tensor]) -> Lobes:
     return stack([fit.lobes for fit in follow(maps, LIVE)])
 
 
-def _refined(shot: Lobes, maps: list[Tensor], chunk: int = 16) -> tuple[Lobes, list[float]]:
+def _refined(
+    shot: Lobes, maps: list[Tensor], chunk: int = 16, rounds: int = whole_shot.ROUNDS
+) -> tuple[Lobes, list[float]]:
     frames = [exposed(radiance) for radiance in maps]
     chunks: list[list[Exposed]] = [frames[at : at + chunk] for at in range(0, len(frames), chunk)]
-    parts = list(refine_shot(shot, chunks))
+    parts = list(refine_shot(shot, chunks, rounds))
     assert [first for first, _, _ in parts] == list(range(0, len(maps), chunk))
     lobes = [part[index] for _, part, _ in parts for index in range(len(part.axes))]
     return stack(lobes), [loss for _, _, losses in parts for loss in losses]
@@ -90,8 +92,8 @@ def test_a_noisy_shot_becomes_no_worse() -> None:
     ]
     first, last = (sum(w * part[name] for name, w in weights.items()) for part in sums)
     assert last < first
-    for name in weights:  # one part of J may pay for another
-        assert sums[1][name] < 1.03 * sums[0][name], name
+    for name in weights:  # one part of J may pay for another, as in a frame
+        assert sums[1][name] < (1 + RISE) * sums[0][name], name
     # judged on texel centres: (pi / 64)^2 / 24
     assert max(errors["flux"] for errors in after) < 2e-4
     assert all(0 < loss < 1 for loss in losses)

@@ -89,7 +89,7 @@ FUNCTIONS = (
     ("asglight_sizes", 1, 9),
     ("asglight_misfit", 1, 11),
     ("asglight_probe", 1, 3),
-    ("asglight_solve", 2, 7),
+    ("asglight_solve", 2, 8),
     ("asglight_advance", 1, 10),
     ("asglight_temporal", 2, 12),
     ("asglight_gram", 3, 3),
@@ -377,7 +377,12 @@ def weighted_gram(images: Tensor, weight: Tensor) -> Tensor:
 
 
 def solve(
-    hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor, sharpness_min: float
+    hessian: Tensor,
+    gradient: Tensor,
+    lobes: Lobes,
+    damping: Tensor,
+    still: Tensor | None,
+    sharpness_min: float,
 ) -> Tensor:
     """Return the step of `newton._solve`.
 
@@ -386,6 +391,7 @@ def solve(
         gradient: g.  [F, 8 N]
         lobes: The lobes.  [F, N, .]
         damping: Of each frame.  [F]
+        still: Which lobes stay as they are.  [F, N]
         sharpness_min: A lobe's least sharpness.
 
     Returns:
@@ -394,7 +400,8 @@ def solve(
     frames, count = lobes.sharpness.shape[:2]
     found = gradient.new_empty(frames, count, 8)
     given = _contiguous(hessian, gradient, lobes.sharpness, lobes.amplitude, damping)
-    _call("asglight_solve", frames, count, *given, _floats(sharpness_min), found)
+    stays = 0 if still is None else still.contiguous()
+    _call("asglight_solve", frames, count, *given, stays, _floats(sharpness_min), found)
     return found
 
 

@@ -42,11 +42,13 @@ static int solve_definite(int n, double *a, double *b) {
     return 1;
 }
 
-/* newton._solve: hessian [F][8 N][8 N], gradient [F][8 N], damping [F]; step [F][N][8]. Of lobes as
- * broad as they may be, `least`, and of black ones, what would go further stays. */
+/* newton._solve: hessian [F][8 N][8 N], gradient [F][8 N], damping [F], still [F][N] or null; step
+ * [F][N][8]. Of lobes as broad as they may be, `least`, and of black ones, what would go further
+ * stays. */
 API void asglight_solve(int64_t frames, int64_t lobes, const double *hessian,
                         const double *gradient, const float *sharpness, const float *amplitude,
-                        const double *damping, const float *least, double *step) {
+                        const double *damping, const uint8_t *still, const float *least,
+                        double *step) {
     int64_t n = UNKNOWNS * lobes;
     double *system = (double *)scratch(SYSTEM, 2 * (n * n + n)), *scale = system + n * n;
     for (int64_t f = 0; f < frames; f++) {
@@ -55,9 +57,9 @@ API void asglight_solve(int64_t frames, int64_t lobes, const double *hessian,
         for (int64_t i = 0; i < n; i++) largest = fmax(largest, h[i * n + i]);
         for (int64_t i = 0; i < n; i++) {
             int64_t lobe = f * lobes + i / UNKNOWNS, k = i % UNKNOWNS;
-            int held = 0;
-            if (k == 2 || k == 3) held = sharpness[2 * lobe + k - 2] <= *least && ahead[i] > 0;
-            if (k >= 5) held = amplitude[3 * lobe + k - 5] <= 0 && ahead[i] > 0;
+            int held = still && still[lobe];
+            if (k == 2 || k == 3) held |= sharpness[2 * lobe + k - 2] <= *least && ahead[i] > 0;
+            if (k >= 5) held |= amplitude[3 * lobe + k - 5] <= 0 && ahead[i] > 0;
             double own = h[i * n + i];
             /* unknowns that nothing in the map sees get unit curvature */
             double curvature = own > SEEN_SHARE * largest ? own : largest;
