@@ -29,7 +29,7 @@ def test_each_way_has_the_same_light_in_another_place_or_order(turns: int) -> No
     assert torch.equal(found[2 * turns][0], maps[0].flip(1))
 
 
-@pytest.mark.parametrize("preset", [Preset.LIVE, Preset.FAST])
+@pytest.mark.parametrize("preset", list(shots_turned.PRESETS))
 def test_what_stands_still_does_not_flicker(preset: Preset) -> None:
     still = shots_turned.measured([sky_and_sun(0.0, 16)] * 3, FitOptions(3, preset))
     assert len(still.rough) == len(still.irr) == 3
@@ -82,11 +82,11 @@ def test_a_sequence_is_read_and_followed(
 
     monkeypatch.setattr(shots_turned, "measured", noted)
     assert shots_turned.main([str(tmp_path), "--frames", "2"]) == 0
-    assert given == [2] * 12
+    assert given == [2] * 18
     assert capsys.readouterr().out.startswith("| preset |")
     lobes.clear()
     assert shots_turned.main([str(tmp_path), "--turns", "1", "--afresh", "5", "7"]) == 0
-    assert lobes == [(15, False)] * 6 + [(5, True)] * 3 + [(7, True)] * 3
+    assert lobes == [(15, False)] * 9 + [(5, True)] * 3 + [(7, True)] * 3
     assert "| afresh, 7 lobes |" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         shots_turned.main([str(tmp_path), "--afresh", "0"])
