@@ -17,7 +17,8 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from asglight.fitting import compiled, splatting
+from asglight.fitting import splatting
+from asglight.fitting.compiled import layout
 from asglight.fitting.grid import Grid, cell_sums, coarsen, coarser, grid, repeated
 
 BASE_ROWS = 64
@@ -86,9 +87,9 @@ class Leaves:
         return torch.cat([self.cell_share, self.texel_share], dim=-1)
 
     @cached_property
-    def compiled(self) -> compiled.Leaves:
+    def compiled(self) -> layout.Leaves:
         """The leaves for what is compiled."""
-        return compiled.leaves(self)
+        return layout.leaves(self)
 
     def repeated(self, count: int) -> "Leaves":
         """Return the leaves of one frame as those of many.  F = 1 -> F = count."""

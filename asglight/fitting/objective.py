@@ -23,6 +23,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import compiled, leaves
+from asglight.fitting.compiled import layout
 from asglight.fitting.grid import coarsen, coarser
 from asglight.fitting.leaves import Leaves
 from asglight.fitting.probes import PROBES, of_views, probe, pull, shares, split, tables
@@ -105,9 +106,9 @@ class Target:
         return of_views(corners, self.places.rows)
 
     @cached_property
-    def compiled(self) -> compiled.Target:
+    def compiled(self) -> layout.Target:
         """The frames for what is compiled."""
-        return compiled.target(self, _probe_corners(self.corners.probe, "cpu"))
+        return layout.target(self, _probe_corners(self.corners.probe, "cpu"))
 
     def weighed(self, env: float, probes: Sequence[float]) -> "Target":
         """Return the frames with every weight of J times a factor.

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import compiled
+from asglight.fitting.compiled import layout
 from asglight.fitting.grid import coarser
 from asglight.shading import kernels
 from asglight.sphere import latlong
@@ -120,12 +121,12 @@ def directions(source: Probe, rows: int) -> Tensor:
 
 @lru_cache(maxsize=16)
 @torch.inference_mode(False)
-def tables(height: int, sources: tuple[Probe, ...] = PROBES) -> compiled.Probes:
+def tables(height: int, sources: tuple[Probe, ...] = PROBES) -> layout.Probes:
     """Return the probes on a grid of `height` rows, for what is compiled."""
     filters = [_filter(source, height) for source in sources]
     strides = [_stride(source, height) for source in sources]
     sizes = [each.abs().amax((1, 2)) for each in filters]
-    return compiled.tables(
+    return layout.tables(
         _waves(2 * height, 1, "cpu"),
         [each.float() for each in filters],
         [_waves(2 * height, stride, "cpu") for stride in strides],

@@ -3,6 +3,7 @@
 
 import math
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -266,6 +267,19 @@ def test_without_the_library_steps_are_those_of_torch(
     monkeypatch.setattr(compiled, "__file__", str(tmp_path / "__init__.py"))
     assert compiled.load() is None
     (tmp_path / library.NAME).write_bytes(b"of another system")
+    assert compiled.load() is None
+
+
+def test_a_library_of_other_sources_is_not_used(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for source in Path(compiled.__file__).parent.glob("*.[ch]"):
+        shutil.copy(source, tmp_path)
+    assert library.compile_library(tmp_path, tmp_path / library.NAME) is None
+    monkeypatch.setattr(compiled, "__file__", str(tmp_path / "__init__.py"))
+    assert compiled.load() is not None
+    with (tmp_path / "steps.c").open("a") as changed:
+        changed.write("/* another */\n")
     assert compiled.load() is None
 
 

@@ -4,6 +4,7 @@
 It knows nothing else of asglight, for it is made before that can be imported (hatch_build.py).
 """
 
+import hashlib
 import os
 import platform
 import shutil
@@ -16,7 +17,7 @@ SOURCES = ("product.c", "lobes.c", "probes.c", "objective.c", "equations.c", "st
 
 NAME = "steps.so"
 
-INTEL = ("x86_64", "AMD64")
+X86 = ("x86_64", "AMD64")
 
 FLAGS = (
     *("-std=c11", "-O3", "-shared", "-fPIC", "-fvisibility=hidden"),
@@ -27,6 +28,12 @@ FLAGS = (
 MARCH = "-march=x86-64-v3"
 """AVX2 and FMA: Intel's processors since 2013, AMD's since 2015. With vectors of AVX-512 products
 are no faster on processors that compute their halves one after the other."""
+
+
+def fingerprint(folder: Path) -> str:
+    """Return what tells the sources in a folder from others, whose calls may differ."""
+    sources = sorted(folder.glob("*.[ch]"))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 
 def compiler() -> str | None:
@@ -47,7 +54,9 @@ def compile_library(folder: Path, target: Path) -> str | None:
     command = compiler()
     if command is None or sys.platform == "win32":
         return "no C compiler was found (cc, gcc, or what CC names)"
-    flags = [*FLAGS, MARCH] if platform.machine() in INTEL else list(FLAGS)
+    flags = [*FLAGS, f'-DSOURCES="{fingerprint(folder)}"']
+    if platform.machine() in X86:
+        flags.append(MARCH)
     with tempfile.TemporaryDirectory(dir=target.parent) as beside:
         made = Path(beside) / target.name
         sources = [str(folder / source) for source in SOURCES]

@@ -103,3 +103,6 @@ float *scratch(int which, long floats) {
     }
     return arena[which];
 }
+
+/* What tells the sources of this library from others (library.py). */
+API const char *asglight_sources(void) { return SOURCES; }
