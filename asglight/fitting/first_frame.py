@@ -101,7 +101,7 @@ BEST = Effort(
     (math.inf, 4.0, None),
     soft_to_sharp(rounds=30),
     (0.83, 0.31, 0.31, 0.375, 0.67),
-    finishing=15,
+    finishing=40,
     again=3,
 )
 """Rounds in which every split can be tried; over ten maps J still falls by 2 % after 12 of them,
