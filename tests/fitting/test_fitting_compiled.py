@@ -94,7 +94,7 @@ def _case(name: str, count: int, frames: int = 2) -> tuple[Lobes, objective.Targ
     return alike(Form.ASG, count, tuple(range(frames))), frame
 
 
-def _assert_near(found: Tensor, expected: Tensor, share: float) -> None:
+def _check_near(found: Tensor, expected: Tensor, share: float) -> None:
     """Check that no element is off by more than a share of the largest."""
     assert torch.isfinite(found).all()
     off = (found.double() - expected.double()).abs().max() if found.numel() else torch.zeros(())
@@ -115,19 +115,19 @@ def test_a_step_is_that_of_torch_in_float64(
     exact = in_torch(lobe_images.images, lobes, frame.places)
     # directions in float32, times the slope of lobes of sharpness 100
     for what in ("values", "gaussian", "scale"):
-        _assert_near(getattr(shown, what), getattr(exact, what), 1e-5)
+        _check_near(getattr(shown, what), getattr(exact, what), 1e-5)
     sizes = objective.sizes(shown.radiance, frame)
     for what, value in vars(in_torch(objective.sizes, shown.radiance, frame)).items():
-        _assert_near(getattr(sizes, what), value, 1e-5)
+        _check_near(getattr(sizes, what), value, 1e-5)
     misfit = objective.misfit(shown.radiance, frame, sizes)
     expected = in_torch(objective.misfit, shown.radiance, frame, sizes)
     for what, value in vars(expected).items():
-        _assert_near(getattr(misfit, what), value, 1e-5)
+        _check_near(getattr(misfit, what), value, 1e-5)
     found = newton.normal_equations(shown, misfit, frame)
     expected = in_torch(newton.normal_equations, shown, misfit, frame)
     for one, other in zip(found, expected, strict=True):
         assert one.dtype == DOUBLE
-        _assert_near(one, other, 1e-4)  # sums of a thousand products, some of which cancel
+        _check_near(one, other, 1e-4)  # sums of a thousand products, some of which cancel
 
 
 @pytest.mark.parametrize("sharpness", [(1e-3, 1e-3), (3e3, 200.0), (4e4, 4e4), (1e6, 1e6)])
@@ -139,8 +139,8 @@ def test_lobes_of_any_width_are_drawn(
         shown = lobe_images.images(lobes, places)
         exact = in_torch(lobe_images.images, lobes, places)
         # components in float32 are off by 1e-7, times the slope of what a texel sees, at most 170
-        _assert_near(shown.values, exact.values, 3e-5)
-        _assert_near(shown.scale, exact.scale, 3e-5)
+        _check_near(shown.values, exact.values, 3e-5)
+        _check_near(shown.scale, exact.scale, 3e-5)
 
 
 def test_frames_that_share_their_map_are_as_if_each_had_its_own() -> None:
@@ -208,7 +208,7 @@ def test_lobes_move_as_in_torch(size: float, held: bool, in_torch: Callable[...,
     found = coordinates.advance(lobes, step, 1e-2, leash)
     expected = in_torch(coordinates.advance, lobes, step, 1e-2, leash)
     # sinh of a shear that is no shear is lost a little in float32
-    _assert_near(found.axes, expected.axes, 1e-6)
+    _check_near(found.axes, expected.axes, 1e-6)
     torch.testing.assert_close(found.sharpness.double(), expected.sharpness, rtol=1e-5, atol=1e-6)
     torch.testing.assert_close(found.amplitude.double(), expected.amplitude, rtol=1e-5, atol=1e-6)
 
@@ -217,7 +217,7 @@ def test_the_temporal_term_is_that_of_torch(in_torch: Callable[..., Any]) -> Non
     lobes, before = alike(Form.ASG, 7, (0, 1)), alike(Form.ASG, 7, (2, 3))
     held = temporal.prior(before)
     exact = replace(_doubled(held), lobes=_doubled(before))
-    _assert_near(temporal.value(lobes, held), in_torch(temporal.value, lobes, exact), 1e-6)
+    _check_near(temporal.value(lobes, held), in_torch(temporal.value, lobes, exact), 1e-6)
     found, expected = temporal.slopes(lobes, held), in_torch(temporal.slopes, lobes, exact)
     for one, other in zip(found, expected, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-9)
@@ -230,13 +230,13 @@ def test_probes_show_what_they_do_in_torch(
 ) -> None:
     images = noise(rows, count)[:, 0]
     # filters in float32, a row of 2 H of them a product
-    _assert_near(probes.probe(images, rows), in_torch(probes.probe, images, rows), 1e-5)
+    _check_near(probes.probe(images, rows), in_torch(probes.probe, images, rows), 1e-5)
 
 
 def test_gram_matrices_are_those_of_torch() -> None:
     images, weight = noise(16, 5)[:, 0].reshape(1, 5, -1), noise(16)[:, 1]
     exact = (images.double() * weight.double()[:, None]) @ images.double().mT
-    _assert_near(light._weighted_gram(images, weight), exact, 1e-12)
+    _check_near(light._weighted_gram(images, weight), exact, 1e-12)
     both = images[:, [0, 1, 1, 2]]
     found = light._weighted_gram(both, weight)
     assert torch.equal(found[0, 1], found[0, 2])  # lobes that coincide

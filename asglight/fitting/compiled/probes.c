@@ -153,6 +153,7 @@ void probe_rings(const Probes *probes, int lanes, const float *images, float *ri
     float *spectra = scratch(SPECTRUM, 2 * size), *mirrored = scratch(MIRRORED, 2 * row_size);
     for (int row = 0; row < half; row++) {
         const float *own = images + row * row_size;
+        /* a fold of two rows, or of the middle one alone */
         fold(row < rows - 1 - row, row_size, own, (rows - 1 - 2 * row) * row_size, mirrored,
              mirrored + row_size);
         for (int minus = 0; minus < 2; minus++)
