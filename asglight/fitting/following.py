@@ -64,7 +64,7 @@ class Pursuit:
 LIVE = Pursuit(
     coarse=(Level(2, Corners(0.1, 0.005)),),
     whole=(Level(2, Corners(0.1, 0.005)), Level(2, Corners(0.1, 0.002))),
-    hurried=(Level(2, Corners(0.1, 0.005)),),
+    hurried=(Level(2, Corners(0.1, 0.005)), Level(1, Corners(0.1, 0.002))),
     sending=(
         Sending(before=2, trial=Effort(steps=2, companions=2), loss=WORTH),
         Sending(before=4, trial=Effort(steps=3, companions=3), loss=0.12),
