@@ -10,7 +10,6 @@
 #include <string.h>
 
 enum { COLUMNS = 6, UNKNOWNS = 8, BLOCK = 64 };
-enum { GRAMS = 5, COLUMN_IMAGES = 6, RINGS_OF_COLUMNS = 7 };
 
 /* All lobes as leaves of one size see them, a lane a lobe. */
 typedef struct {

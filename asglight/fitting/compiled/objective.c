@@ -4,8 +4,6 @@
  */
 #include "steps.h"
 
-enum { LAID = 3, SEEN = 4 };
-
 static vec root(vec x) {
     for (int l = 0; l < LANE; l++) x[l] = sqrtf(x[l]);
     return x;

@@ -8,8 +8,6 @@
  */
 #include "steps.h"
 
-enum { SAMPLES, SPECTRUM, RINGS };
-
 static void combine(int lanes, const float *one, const float *other, float *plus, float *minus) {
     for (int l = 0; l < lanes; l += LANE) {
         vec a = load(one + l), b = load(other + l);
@@ -147,7 +145,6 @@ long rings_size(const Probes *probes, int lanes) {
 /* Images [row][column][lane] to what the filters show, source by source
  * [ring][own wave][cosine, sine][lane]. */
 void probe_rings(const Probes *probes, int lanes, const float *images, float *rings) {
-    enum { MIRRORED = 8, FILTERED = 9 };
     int rows = probes->rows, half = half_of(rows), wide = 2 * lanes;
     long row_size = 2L * rows * lanes, size = spectrum_size(probes, lanes);
     float *spectra = scratch(SPECTRUM, 2 * size), *mirrored = scratch(MIRRORED, 2 * row_size);
@@ -198,7 +195,6 @@ void probe_lanes(const Probes *probes, int lanes, const float *images, float *vi
 
 /* probes.pull: views [view][lane], images [row][column][lane]. */
 void pull_lanes(const Probes *probes, int lanes, const float *views, float *images) {
-    enum { MIRRORED = 8, FILTERED = 9 };
     int rows = probes->rows, half = half_of(rows), wide = 2 * lanes;
     long row_size = 2L * rows * lanes, size = spectrum_size(probes, lanes);
     float *spectra = scratch(SPECTRUM, 2 * size), *mirrored = scratch(MIRRORED, 2 * row_size);
@@ -233,7 +229,6 @@ void pull_lanes(const Probes *probes, int lanes, const float *views, float *imag
 
 /* probes.probe of images [count][row][column]: views [count][D]. */
 API void asglight_probe(int64_t count, const Probes *probes, const float *images, float *views) {
-    enum { LAID = 3, SEEN = 4 };
     int64_t cells = 2 * probes->rows * probes->rows;
     int lanes = (count + LANE - 1) / LANE * LANE;
     float *laid = scratch(LAID, cells * lanes), *seen = scratch(SEEN, probes->views * lanes);

@@ -88,8 +88,6 @@ void gram_add(int count, int width, const float *weighted, const float *columns,
     }
 }
 
-#define ARENAS 10
-
 /* Memory of this thread that stays for the next call: fresh pages cost more than what is computed
  * in them. */
 float *scratch(int which, long floats) {

@@ -7,7 +7,7 @@
 
 #include <string.h>
 
-enum { UNKNOWNS = 8, SYSTEM = 0 };
+enum { UNKNOWNS = 8 };
 
 static const double BROAD = 0.5, ROUND_RATIO = 2.6, SEEN_SHARE = 1e-12;
 

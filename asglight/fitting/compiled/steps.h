@@ -139,6 +139,15 @@ void product(int m, int n, int k, const float *a, long row, long column, const f
 void gram_add(int count, int width, const float *weighted, const float *columns, float *gram);
 float *scratch(int which, long floats);
 
+/* Which piece of memory `scratch` gives: no two that are in use at the same time are one. */
+enum {
+    SAMPLES, SPECTRUM, RINGS, MIRRORED, FILTERED, /* probes.c */
+    LAID, SEEN,                                   /* images and views, a lane a channel */
+    GRAMS, COLUMN_IMAGES, RINGS_OF_COLUMNS,       /* equations.c */
+    SYSTEM,                                       /* steps.c */
+    ARENAS
+};
+
 /* lobes.c */
 Seen seen_by(const float *axes, const float *sharpness, int64_t rows);
 int is_narrow(const float *sharpness);
