@@ -44,9 +44,11 @@ def measured(name: str, reference: Tensor) -> Row:
     given: list[tuple[lobe_images.Images, objective.Target]] = []
     own = light.relight
 
-    def noted(shown: lobe_images.Images, frame: objective.Target) -> object:
+    def noted(
+        shown: lobe_images.Images, frame: objective.Target, still: Tensor | None = None
+    ) -> object:
         given.append((shown, frame))
-        return own(shown, frame)
+        return own(shown, frame, still)
 
     with mock.patch.object(light, "relight", noted):
         fit_frame(reference, FitOptions(), None)

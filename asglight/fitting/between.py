@@ -6,7 +6,7 @@ and then for those at odd ones: frames of one kind are no neighbours, so a GPU h
 The term is a norm (temporal.py) and lets a cut be a cut.
 
 Between two frames a lobe either keeps within its leash, or it turns, and then it is faint in both.
-A lobe that turns stays as it is; it may be lit, but stays faint. All others are free to be lit.
+A lobe that turns stays as it is. All others are free to be lit.
 """
 
 import math
@@ -23,7 +23,6 @@ from asglight.fitting.following import DAMPING_START, LEASH_DEG
 from asglight.fitting.objective import Corners
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import chosen
-from asglight.lobes.matching import flux_shares
 
 STEPS = 6
 """Of a sweep: three of six end as well as three of seven, of four 3 % worse in a tunnel."""
@@ -141,6 +140,17 @@ def bounds(shot: Lobes, index: Tensor) -> Bounds:
     return Bounds(turning[0] | turning[1], Between(leashes[0], leashes[1], own.axis_z))
 
 
+def cuts(shot: Lobes) -> list[int]:
+    """Return the frames that begin a shot of their own.
+
+    Args:
+        shot: Every frame.  [F, N, .]
+    """
+    index = torch.arange(len(shot.axes) - 1)
+    same, _ = _related(shot, index, index + 1)
+    return (torch.nonzero(~same).flatten() + 1).tolist()
+
+
 def _beside(shot: Lobes, index: Tensor) -> tuple[Tensor, Tensor]:
     """Return the frames before and after; at an end of the shot a frame itself.  Two [F']."""
     return (index - 1).clamp(min=0), (index + 1).clamp(max=len(shot.axes) - 1)
@@ -162,7 +172,7 @@ def _step(shot: Lobes, chunk: Chunk, places: list[int]) -> None:
     own, held = in_units(shot, index, frames), bounds(shot, index)
     turning, leash = held.turning.to(device), on(held.leash, device)
     shown = lobe_images.images(own, whole.places)
-    start = _faint(light.relight(shown, whole).lobes, own, turning)
+    start = light.relight(shown, whole, turning).lobes
     found = newton.minimise(
         start,
         whole,
@@ -174,7 +184,7 @@ def _step(shot: Lobes, chunk: Chunk, places: list[int]) -> None:
         still=turning,
     )
     assert found.shown is not None  # of lobes that took steps
-    lit = _faint(light.last(found.shown, whole).lobes, own, turning)
+    lit = light.last(found.shown, whole, turning).lobes
     unit = torch.tensor([frame.exposure for frame in frames])[:, None, None].to(device)
     fits = [with_flux_of(lit[k], frame, 0.0).lobes.amplitude for k, frame in enumerate(frames)]
     lit = replace(lit, amplitude=torch.stack(fits) / unit)
@@ -206,24 +216,6 @@ def on(leash: Between, device: torch.device) -> Between:
         for each in (leash.before, leash.after)
     )
     return Between(before, after, leash.own.to(device))
-
-
-def _faint(lobes: Lobes, own: Lobes, turning: Tensor) -> Lobes:
-    """Dim lobes that turn to where nobody sees it, or to the light they had if that was more.
-
-    Args:
-        lobes: With new light.  [F', N, .]
-        own: As they were.  [F', N, .]
-        turning: Which turn.  [F', N]
-    """
-    most = _shares(own).clamp(min=temporal.FAINT_SHARE)
-    factor = (most / _shares(lobes).clamp(min=temporal.FAINT_SHARE)).clamp(max=1)
-    return replace(lobes, amplitude=lobes.amplitude * torch.where(turning, factor, 1.0)[..., None])
-
-
-def _shares(lobes: Lobes) -> Tensor:
-    """Return shares of the flux in each frame.  [F', N, .] -> [F', N]."""
-    return torch.stack([flux_shares(lobes[k]) for k in range(len(lobes.axes))])
 
 
 def _risen(after: Tensor, before: Tensor, frame: objective.Target) -> Tensor:

@@ -147,7 +147,7 @@ def fit_next_frame(
     whole = objective.target(frame.radiance)
     coarse = objective.trial_target(frame.radiance, effort.whole[0].corners)
     width_min = narrowest(frame.height)
-    outcome, unlike = _started(before, earlier, coarse, leash, width_min)
+    outcome, unlike = start_of(before, earlier, coarse, leash, width_min)
     worth = effort.sending_at(float(outcome.value))
     sending = worth if bool(free.any()) else None
     levels = effort.hurried if sending is not None and effort.hurried else effort.whole
@@ -157,11 +157,11 @@ def fit_next_frame(
         outcome = replace(outcome, lobes=lit[None])
     held = temporal.prior(outcome.lobes)
     if sending is None:
-        outcome = _stepped(outcome, coarse, effort.coarse, held, leash, width_min)
+        outcome = stepped(outcome, coarse, effort.coarse, held, leash, width_min)
     outcome = replace(outcome, shown=None)  # now on the leaves of the whole map
-    outcome = _stepped(outcome, whole, levels, held, leash, width_min)
+    outcome = stepped(outcome, whole, levels, held, leash, width_min)
     if float(outcome.value) > SUSPECT_LOSS:
-        outcome = _stepped(outcome, whole, FAST.whole, held, leash, width_min)
+        outcome = stepped(outcome, whole, FAST.whole, held, leash, width_min)
     loss = float(outcome.value)
     changed = unlike > CHANGED * loss
     starts_anew = loss > SUSPECT_LOSS or (loss > UNLIKE_LOSS and unlike > UNLIKE)
@@ -242,10 +242,10 @@ def _afresh(
     """Take the steps of each level from lobes of which some went elsewhere.  [1, N, .]."""
     shown = lobe_images.images(lobes, frame.places)
     start = newton.Outcome(lobes, torch.empty(0), torch.tensor([DAMPING_START]), shown)
-    return _stepped(start, frame, levels, temporal.prior(lobes), leash, width_min)
+    return stepped(start, frame, levels, temporal.prior(lobes), leash, width_min)
 
 
-def _stepped(
+def stepped(
     outcome: newton.Outcome,
     frame: objective.Target,
     levels: tuple[Level, ...],
@@ -271,7 +271,7 @@ def _stepped(
     return outcome
 
 
-def _started(
+def start_of(
     before: Lobes,
     earlier: Lobes | None,
     frame: objective.Target,

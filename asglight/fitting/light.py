@@ -20,14 +20,15 @@ RIDGE = 1e-5
 """Of the unit diagonal of the amplitudes' Gram matrix: above the rounding of float32 images."""
 
 
-def last(shown: Images, frame: objective.Target) -> Images:
+def last(shown: Images, frame: objective.Target, still: Tensor | None = None) -> Images:
     """Return a fit with the last solution for its light, under `CORNERS`.
 
     Args:
         shown: The lobes on the leaves.
         frame: The maps.
+        still: Which lobes keep their light.  [F, N]
     """
-    return relight(shown, replace(frame, corners=CORNERS))
+    return relight(shown, replace(frame, corners=CORNERS), still)
 
 
 def relit(found: newton.Outcome, frame: objective.Target) -> Images:
@@ -41,7 +42,7 @@ def relit(found: newton.Outcome, frame: objective.Target) -> Images:
     return last(found.shown, frame)
 
 
-def relight(shown: Images, frame: objective.Target) -> Images:
+def relight(shown: Images, frame: objective.Target, still: Tensor | None = None) -> Images:
     """Solve for the amplitudes alone, shapes held: the linear part of the problem.
 
     It is a non-negative least squares problem of the reweighted normal equations for each channel
@@ -50,18 +51,46 @@ def relight(shown: Images, frame: objective.Target) -> Images:
     Args:
         shown: The lobes on the leaves.
         frame: The maps and their weights.
+        still: Which lobes keep their light.  [F, N]
     """
-    values = shown.values * shown.scale[..., None]  # [F, N, P]
-    views = probe(leaves.to_cells(values, frame.places), frame.places.rows)
     amplitude = shown.lobes.amplitude
     near = amplitude.double()
-    misfit = objective.misfit(amplitude.mT @ values, frame)
-    gram = _weighted_gram(values, misfit.env_weight) + _weighted_gram(views, misfit.view_weight)
+    values, gram, misfit = _normal_equations(shown, frame)
     # the minimum lies where the slope at the amplitudes so far is undone
     right = gram @ near - values.double() @ misfit.slope.mT.double()
-    solved = [_non_negative(*one) for one in zip(gram, right, near, strict=True)]
+    free = torch.ones_like(values[..., 0], dtype=torch.bool) if still is None else ~still
+    solved = [_solved(*one) for one in zip(gram, right, near, free, strict=True)]
     lobes = replace(shown.lobes, amplitude=torch.stack(solved).to(amplitude))
     return replace(shown, lobes=lobes)
+
+
+def absences(shown: Images, frame: objective.Target) -> Tensor:
+    """Return how much J grows, to second order, when a lobe goes and others' light makes up for it.
+
+    Args:
+        shown: The lobes on the leaves.
+        frame: The maps and their weights.
+
+    Returns:
+        a_i^2 / (2 (G^-1)_ii), channels summed [Hassibi and Stork 1993].  [F, N]
+    """
+    _, gram, _ = _normal_equations(shown, frame)
+    scale = torch.diagonal(gram, dim1=-2, dim2=-1).clamp(min=1e-300).rsqrt()
+    scaled = gram * scale[..., :, None] * scale[..., None, :]
+    ridged = scaled + RIDGE * torch.eye(scaled.shape[-1]).to(scaled)
+    alone = torch.diagonal(torch.linalg.inv(ridged), dim1=-2, dim2=-1) * scale.square()
+    return 0.5 * shown.lobes.amplitude.double().square().sum(-1) / alone
+
+
+def _normal_equations(
+    shown: Images, frame: objective.Target
+) -> tuple[Tensor, Tensor, objective.Misfit]:
+    """Return the images of the lobes at unit light [F, N, P], their Gram matrix and J's misfit."""
+    values = shown.values * shown.scale[..., None]
+    views = probe(leaves.to_cells(values, frame.places), frame.places.rows)
+    misfit = objective.misfit(shown.lobes.amplitude.mT @ values, frame)
+    gram = _weighted_gram(values, misfit.env_weight) + _weighted_gram(views, misfit.view_weight)
+    return values, gram, misfit
 
 
 def _weighted_gram(images: Tensor, weight: Tensor) -> Tensor:
@@ -75,6 +104,24 @@ def _weighted_gram(images: Tensor, weight: Tensor) -> Tensor:
         return compiled.weighted_gram(images, weight)
     rooted = (images * weight.sqrt()[:, None]).double()
     return rooted @ rooted.mT
+
+
+def _solved(gram: Tensor, right: Tensor, near: Tensor, free: Tensor) -> Tensor:
+    """Minimise a^T G a / 2 - a^T b over what is free of a, which stays at or above 0.
+
+    Args:
+        gram: G.  [N, N]
+        right: b.  [N, 3]
+        near: The amplitudes so far.  [N, 3]
+        free: Which may change.  [N]
+    """
+    if bool(free.all()):
+        return _non_negative(gram, right, near)
+    found = near.clone()
+    if bool(free.any()):
+        rest = right[free] - gram[free][:, ~free] @ near[~free]
+        found[free] = _non_negative(gram[free][:, free], rest, near[free])
+    return found
 
 
 def _non_negative(gram: Tensor, right: Tensor, near: Tensor) -> Tensor:

@@ -14,13 +14,14 @@ first steps must fill.
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from asglight.fitting import lobe_images, newton, objective
-from asglight.fitting.coordinates import BROAD, UNKNOWNS, advance
+from asglight.fitting.coordinates import BROAD, UNKNOWNS, Leash, advance, pulled_back
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import orthonormal
@@ -80,6 +81,9 @@ def regroup(
     rounds: int,
     width_min: float,
     on_step: newton.OnStep | None = None,
+    *,
+    leash: Leash | None = None,
+    stays: Tensor | None = None,
 ) -> newton.Outcome:
     """Try splits, the worst lobes first, until all fail or the rounds are over.
 
@@ -91,23 +95,28 @@ def regroup(
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes after each step before the first round, and after each round
             that is kept.
+        leash: How far each lobe may go.
+        stays: Which lobes do not go elsewhere.  [N]
     """
     if start.lobes.count < 2:
         return start
-    best = newton.minimise(start.lobes, frame, SETTLING_STEPS, width_min=width_min, on_step=on_step)
+    held = partial(newton.minimise, width_min=width_min, leash=leash)
+    best = held(start.lobes, frame, SETTLING_STEPS, on_step=on_step)
     tried: set[Split] = set()
     for _ in range(rounds):
         shown = best.shown
         assert shown is not None  # of lobes that took steps
         costs, filled = absences(shown, frame)
+        if stays is not None:
+            costs = torch.where(stays.to(costs.device), torch.inf, costs)
         splits = [each for each in ordered(shown, frame, costs) if each not in tried][:TRIALS]
         if not splits:
             break
         tried.update(splits)
         halves = [carried_out(each, best.lobes[0], filled, width_min) for each in splits]
-        competing = coarse.repeated(len(splits))
-        trials = newton.minimise(stack(halves), competing, TRIAL_STEPS, width_min=width_min)
-        found = newton.minimise(trials.best().lobes, frame, STEPS, width_min=width_min)
+        begun = stack(halves) if leash is None else pulled_back(stack(halves), leash)
+        trials = held(begun, coarse.repeated(len(splits)), TRIAL_STEPS)
+        found = held(trials.best().lobes, frame, STEPS)
         if float(found.value) < (1 - GAIN) * float(best.value):
             best, tried = found, set()
             if on_step is not None:

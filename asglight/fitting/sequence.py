@@ -8,7 +8,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import first_frame, following, paper, paper_losses, whole_shot
+from asglight.fitting import first_frame, following, paper, paper_losses
 from asglight.fitting.first_frame import FrameFit, fit_first_frame, mean_radiance
 from asglight.fitting.following import fit_next_frame
 from asglight.fitting.options import FitOptions, Preset
@@ -28,9 +28,10 @@ _PURSUIT = {
     Preset.BEST: following.BEST,
 }
 
-PLANS = {Preset.FAST: 0, Preset.BEST: whole_shot.ROUNDS}
-"""Rounds of plans when a shot is read a second time, of presets that do: `live` has no time, and
-`paper` is as published."""
+LINKS = {Preset.FAST: False, Preset.BEST: True}
+"""Whether lobes are linked over the shot that is read once more, of presets that do: `live` has no
+time, and `paper` is as published. `fast` follows, as `live` does, and is within a quarter second a
+frame; fits to link take it as long as following."""
 
 StepCallback = Callable[[int, int, float], None]
 """Called with the step, the number of steps and the loss, where a frame takes long."""

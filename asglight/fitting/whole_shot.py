@@ -2,60 +2,169 @@
 """The pass over a whole shot, some frames at a time.
 
 Frame by frame, a fit knows only what came before. Here every frame takes some more steps between
-its two neighbours (between.py), and lobes that some frames can spare are lit elsewhere in them
-(replanning.py).
+its two neighbours (between.py). `best` fits the frames once more before that, with lobes that are
+free to jump (free_fits.py), and where these show much more of the light links them to tracks that
+do not (linking.py).
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
+from torch import Tensor
 
 from asglight.fitting import temporal
-from asglight.fitting.between import Chunk, sweep
+from asglight.fitting.between import Chunk, cuts, sweep
 from asglight.fitting.first_frame import Exposed
-from asglight.fitting.replanning import replan
+from asglight.fitting.free_fits import free_fit
+from asglight.fitting.linking import linked, worths
 from asglight.lobes import Lobes
+from asglight.lobes.data import stack
 
 CHUNK = 16
 """Frames in memory: 25 MB of maps of 256 rows, and half as many side by side."""
 
-ROUNDS = 2
-"""Of plans in `best`, each with a sweep over all frames. A third one has 3 % less of r0.5 and
-flicker in a tunnel, for a third more time. `fast` has none: they take as long as following."""
+SWEEPS = 4
+"""Over lobes that were linked: the first one brings most of the way, for each was fitted alone."""
+
+GAIN = 0.3
+"""Share of what materials show wrong by which free lobes must be better than followed ones: slow
+skies and rooms stay below 0.1, frames in which lamps rush past come to 0.5 and more."""
+
+GAP = 8
+"""Frames between such frames that are taken free as well: each change of sides darkens lobes."""
+
+Read = Callable[[], Iterable[list[Exposed]]]
+"""Reads the maps of a shot in order, about `CHUNK` at a time."""
+
+OnChunk = Callable[[int, int], None]
+"""Called with how many readings of a frame are done, and how many there will be."""
+
+
+@dataclass(frozen=True)
+class _Swept:
+    """A shot after steps between neighbours.
+
+    Attributes:
+        lobes: Every frame.  [F, N, .]
+        losses: J of each; 0 for what was not refined.
+        materials: J's part of what materials show of each.
+    """
+
+    lobes: Lobes
+    losses: list[float]
+    materials: list[float]
 
 
 def refine_shot(
-    lobes: Lobes, chunks: Iterable[list[Exposed]], rounds: int = 0
-) -> Iterator[tuple[int, Lobes, list[float]]]:
-    """Refine a shot some frames at a time.
+    lobes: Lobes, read: Read, *, links: bool = False, on_chunk: OnChunk = lambda *_: None
+) -> tuple[Lobes, list[float]]:
+    """Refine a shot.
 
     Args:
         lobes: Every frame as fitted, in the units of its map.  [F, N, .]
-        chunks: The maps in order, about `CHUNK` at a time.
-        rounds: Of plans.
+        read: Reads the maps; called once, or twice with `links`.
+        links: Whether lobes are fitted free as well, and linked where that shows more.
+        on_chunk: Progress.
 
-    Yields:
-        Index of the first frame of a chunk, the chunk's lobes [F', N, .] and its losses.
+    Returns:
+        The lobes [F, N, .] and the loss of each frame.
     """
     shot = temporal.waiting(lobes).clone()
-    first = 0
-    for frames in chunks:
-        zeros = [0.0] * len(frames)
-        chunk = Chunk(first, frames, zeros.copy(), zeros.copy())
-        _refine(shot, chunk, rounds)
-        yield first, shot[first : first + len(frames)].clone(), chunk.losses
-        first += len(frames)
+    count = len(shot.axes)
+    if not links:
+        found = _swept([(shot, 1)], read(), lambda done: on_chunk(done, count))[0]
+        return found.lobes, found.losses
+    places = cuts(shot)
+    other = _linked(shot, places, read(), lambda done: on_chunk(done, 2 * count))
+    ways = [(shot, 1)] if other is None else [(shot, 1), (other, SWEEPS)]
+    found, *rest = _swept(ways, read(), lambda done: on_chunk(count + done, 2 * count))
+    for each in rest:
+        found = _better(found, each, places)
+    return found.lobes, found.losses
 
 
-def _refine(shot: Lobes, chunk: Chunk, rounds: int) -> None:
-    """Refine the frames of a chunk in place.
+def _swept(
+    ways: list[tuple[Lobes, int]], chunks: Iterable[list[Exposed]], on_frames: Callable[[int], None]
+) -> list[_Swept]:
+    """Sweep shots of the same maps, each so many times, in place.
 
-    Black frames stay as they are, and so do all where the maps differ in size.
+    Black frames stay as they are, and so do all of a chunk where its maps differ in size.
     """
-    if len({frame.height for frame in chunk.frames}) > 1:
-        return
-    allowed = torch.ones(len(chunk.frames), shot.count, dtype=torch.bool)
-    sweep(shot, chunk, chunk.places)
-    for later in range(rounds):
-        replan(shot, chunk, allowed, later)
-        sweep(shot, chunk, chunk.places)
+    found = [_Swept(shot, [], []) for shot, _ in ways]
+    for frames in chunks:
+        first, zeros = len(found[0].losses), [0.0] * len(frames)
+        for (shot, sweeps), swept in zip(ways, found, strict=True):
+            chunk = Chunk(first, frames, zeros.copy(), zeros.copy())
+            if len({frame.height for frame in frames}) == 1:
+                for _ in range(sweeps):
+                    sweep(shot, chunk, chunk.places)
+            swept.losses.extend(chunk.losses)
+            swept.materials.extend(chunk.materials)
+        on_frames(first + len(frames))
+    return found
+
+
+def _linked(
+    shot: Lobes,
+    places: list[int],
+    chunks: Iterable[list[Exposed]],
+    on_frames: Callable[[int], None],
+) -> Lobes | None:
+    """Fit every frame with free lobes and link them where these show more; None where nowhere.
+
+    Args:
+        shot: As followed.  [F, N, .]
+        places: Frames after cuts.
+        chunks: The maps.
+        on_frames: Progress.
+    """
+    free: list[Lobes] = []
+    gains: list[float] = []
+    both: list[tuple[Tensor, Tensor]] = []
+    for frames in chunks:
+        for frame in frames:
+            own = shot[len(free)]
+            fit = free_fit(frame, free[-1] if free else own, own)
+            free.append(fit.lobes)
+            gains.append(fit.gain)
+            both.append((worths(fit.lobes, fit.missed), worths(own, fit.followed_missed)))
+        on_frames(len(free))
+    freed = _stretches(torch.tensor(gains) > GAIN)
+    if not bool(freed.any()):
+        return None
+    lobes = stack([free[k] if freed[k] else shot[k] for k in range(len(free))])
+    worth = torch.stack([both[k][0 if freed[k] else 1] for k in range(len(free))])
+    found = shot.clone()
+    for first, last in pairwise([0, *places, len(free)]):
+        part = slice(first, last)
+        if bool(freed[part].any()):
+            _put(found, part, linked(lobes[part], worth[part], ~freed[part]))
+    return found
+
+
+def _put(shot: Lobes, part: slice, lobes: Lobes) -> None:
+    """Write lobes into neighbouring frames of a shot."""
+    shot.axes[part], shot.sharpness[part] = lobes.axes, lobes.sharpness
+    shot.amplitude[part] = lobes.amplitude
+
+
+def _stretches(wanted: Tensor) -> Tensor:
+    """Close gaps of up to `GAP` frames between frames that are wanted.  [F]."""
+    found = wanted.clone()
+    for before, after in pairwise(torch.nonzero(wanted).flatten().tolist()):
+        if after - before <= GAP + 1:
+            found[before:after] = True
+    return found
+
+
+def _better(one: _Swept, other: _Swept, places: list[int]) -> _Swept:
+    """Return of each part between cuts the one in which materials show less wrong."""
+    lobes, losses, materials = one.lobes.clone(), list(one.losses), list(one.materials)
+    for first, last in pairwise([0, *places, len(losses)]):
+        part = slice(first, last)
+        if sum(other.materials[part]) < sum(one.materials[part]):
+            _put(lobes, part, other.lobes[part])
+            losses[part], materials[part] = other.losses[part], other.materials[part]
+    return _Swept(lobes, losses, materials)

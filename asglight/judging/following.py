@@ -13,7 +13,7 @@ from torch import Tensor
 
 from asglight.fitting import first_frame, whole_shot
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import PLANS, fit_frame
+from asglight.fitting.sequence import LINKS, fit_frame
 from asglight.judging.clock import Clock, Point, timed
 from asglight.lobes import Lobes, matching
 from asglight.lobes.data import stack
@@ -57,16 +57,16 @@ def refined(
         references: Repaired radiance of each frame.  [H, W, 3]
         found: The lobes of each.  [N, .]
         seconds: Of each.
-        preset: One of `PLANS`.
+        preset: One of `LINKS`.
     """
     clock, size = Clock(), whole_shot.CHUNK
     shot, frames = stack(list(found)), [first_frame.exposed(radiance) for radiance in references]
     chunks = [frames[at : at + size] for at in range(0, len(frames), size)]
-    with one_thread():
-        parts = [part for _, part, _ in whole_shot.refine_shot(shot, chunks, PLANS[preset])]
+    with one_thread(), torch.inference_mode():
+        lobes, _ = whole_shot.refine_shot(shot, lambda: chunks, links=LINKS[preset])
     whole = clock.seconds()
     total = [{name: s + whole[name] / len(frames) for name, s in one.items()} for one in seconds]
-    return [part[index] for part in parts for index in range(len(part.axes))], total
+    return [lobes[index].clone() for index in range(len(frames))], total
 
 
 def matched(found: Sequence[Lobes]) -> list[Lobes]:

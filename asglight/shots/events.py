@@ -102,8 +102,9 @@ class Refined:
     """Some more frames were fitted between both neighbours, in the pass over the whole shot.
 
     Attributes:
-        done: Frames so far.
-        frames: Frames of the shot that repeat no other.
+        done: Frames read once more so far.
+        frames: How many will be: those of the shot that repeat no other, and with `best` each of
+            them twice.
     """
 
     done: int

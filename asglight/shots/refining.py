@@ -12,7 +12,7 @@ from dataclasses import replace
 from asglight.errors import InputError
 from asglight.fitting.first_frame import Exposed, exposed
 from asglight.fitting.options import FitOptions
-from asglight.fitting.sequence import PLANS
+from asglight.fitting.sequence import LINKS
 from asglight.fitting.whole_shot import CHUNK, refine_shot
 from asglight.images import Sequence
 from asglight.images.message import shown
@@ -40,19 +40,17 @@ def refined(
         InputError: A frame has changed since it was fitted, or cannot be read any more.
     """
     own = own_frames(records)
-    if options.preset not in PLANS or len(own) < 2:
+    if options.preset not in LINKS or len(own) < 2:
         return records
-    result = list(own)
-    shot = stack([record.lobes for record in own])
     with one_thread():
-        chunks = _chunks(own, sequence, options)
-        for first, lobes, losses in refine_shot(shot, chunks, PLANS[options.preset]):
-            for place, loss in enumerate(losses):
-                index = first + place
-                result[index] = replace(own[index], lobes=lobes[place], loss=loss)
-            on_progress(Refined(first + len(losses), len(own)))
+        lobes, losses = refine_shot(
+            stack([record.lobes for record in own]),
+            lambda: _chunks(own, sequence, options),
+            links=LINKS[options.preset],
+            on_chunk=lambda done, count: on_progress(Refined(done, count)),
+        )
     return [
-        replace(record, lobes=result[place].lobes, loss=result[place].loss)
+        replace(record, lobes=lobes[place], loss=losses[place])
         for record, place in zip(records, places_of(records), strict=True)
     ]
 

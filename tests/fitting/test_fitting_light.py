@@ -179,3 +179,47 @@ def test_light_of_any_lobes_is_finite(form: Form) -> None:
     assert bool(found.isfinite().all())
     assert float(found.min()) >= 0.0
     assert math.isfinite(float(found.sum()))
+
+
+def test_lobes_that_stay_keep_their_light_and_the_others_make_up_for_it() -> None:
+    """As the same problem with what they show taken off the map."""
+    lobes = lamps([(0, 0, 1), (0.5, 0, 1), (0, 1, 0)], [20.0, 20.0, 2.0], [3.0, 2.0, 0.5])
+    maps = texels.texel_means(lobes, 32, 64)[None]
+    begun = replace(lobes, amplitude=lobes.amplitude * torch.tensor([[0.5], [1.3], [0.8]]))
+    frame = target(flat(maps))
+    still = torch.tensor([[True, False, False]])
+    begun_shown = lobe_images.images(begun[None], frame.places)
+    found = light.relight(begun_shown, frame, still).lobes.amplitude[0]
+    assert torch.equal(found[0], begun.amplitude[0])
+    own = begun_shown.light[:, :1].mT @ begun_shown.values[:, :1]
+    others = lobe_images.images(begun.select(torch.tensor([1, 2]))[None], frame.places)
+    alone = light.relight(others, objective.less(frame, own)).lobes.amplitude[0]
+    torch.testing.assert_close(found[1:], alone, rtol=2e-4, atol=1e-5)
+    all_still = torch.ones(1, 3, dtype=torch.bool)
+    kept = light.relight(begun_shown, frame, all_still).lobes.amplitude[0]
+    assert torch.equal(kept, begun.amplitude)
+
+
+def test_absences_are_what_the_majoriser_grows_by() -> None:
+    """Found by solving the reweighted problem without each lobe."""
+    lobes = lamps([(0, 0, 1), (0.3, 0, 1), (0, 1, 0)], [20.0, 20.0, 2.0], [3.0, 2.0, 0.5])
+    maps = texels.texel_means(lobes, 32, 64)[None] + 0.01
+    frame = target(flat(maps))
+    seen = lobe_images.images(lobes[None], frame.places)
+    found = light.absences(seen, frame)[0]
+    values = (seen.values * seen.scale[..., None])[0].double()
+    views = probes.probe(to_cells(values.float(), frame.places), frame.places.rows).double()
+    misfit = objective.misfit(seen.radiance, frame)
+    weight = misfit.env_weight[0].double(), misfit.view_weight[0].double()
+    gram = sum((x * w) @ x.mT for x, w in zip((values, views), weight, strict=True))
+    amplitude = lobes.amplitude.double()
+    for gone in range(3):
+        rest = [k for k in range(3) if k != gone]
+        # the least of a^T G a / 2 over what the others do for the change that takes the lobe away
+        change = torch.zeros(3, 3, dtype=DOUBLE)
+        change[gone] = -amplitude[gone]
+        change[rest] = torch.linalg.solve(
+            gram[rest][:, rest], gram[rest][:, [gone]] * amplitude[gone]
+        )
+        grown = 0.5 * float((change * (gram @ change)).sum())
+        assert float(found[gone]) == pytest.approx(grown, rel=1e-3)

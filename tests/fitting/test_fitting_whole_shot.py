@@ -9,23 +9,21 @@ import torch
 from lobe_cases import follow, lamps, sky_and_sun
 from torch import Tensor
 
-from asglight.fitting import between, objective, replanning, temporal, whole_shot
-from asglight.fitting.between import RISE, Chunk
+from asglight.fitting import between, objective, temporal, whole_shot
+from asglight.fitting.between import RISE
 from asglight.fitting.coordinates import UNKNOWNS, advance
 from asglight.fitting.first_frame import Exposed, exposed
 from asglight.fitting.following import LEASH_DEG
 from asglight.fitting.lobe_images import images
 from asglight.fitting.objective import ENV_WEIGHT
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.plans import Places
 from asglight.fitting.probes import PROBES
-from asglight.fitting.replanning import Survey
 from asglight.fitting.whole_shot import refine_shot
 from asglight.judging.following import jumps
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
-from asglight.lobes.frames import axes_around, parallel_transport
+from asglight.lobes.frames import parallel_transport
 from asglight.lobes.matching import flux_shares
 
 LIVE = FitOptions(lobes=4, preset=Preset.LIVE)
@@ -36,14 +34,20 @@ def _fitted(maps: list[Tensor]) -> Lobes:
 
 
 def _refined(
-    shot: Lobes, maps: list[Tensor], chunk: int = 16, rounds: int = whole_shot.ROUNDS
+    shot: Lobes, maps: list[Tensor], chunk: int = 16, *, links: bool = False
 ) -> tuple[Lobes, list[float]]:
     frames = [exposed(radiance) for radiance in maps]
     chunks: list[list[Exposed]] = [frames[at : at + chunk] for at in range(0, len(frames), chunk)]
-    parts = list(refine_shot(shot, chunks, rounds))
-    assert [first for first, _, _ in parts] == list(range(0, len(maps), chunk))
-    lobes = [part[index] for _, part, _ in parts for index in range(len(part.axes))]
-    return stack(lobes), [loss for _, _, losses in parts for loss in losses]
+    done: list[tuple[int, int]] = []
+    found = refine_shot(shot, lambda: chunks, links=links, on_chunk=lambda *each: done.append(each))
+    counts = [min(at, len(maps)) for at in range(chunk, len(maps) + chunk, chunk)]
+    readings = 2 if links else 1
+    assert done == [
+        (reading * len(maps) + count, readings * len(maps))
+        for reading in range(readings)
+        for count in counts
+    ]
+    return found
 
 
 def _noisy(frames: int) -> list[Tensor]:
@@ -154,7 +158,7 @@ def _three_lamps(light: list[float]) -> Lobes:
     return lamps([(0, 1, 0.2), (1, 0.2, 0), (-0.5, 0.3, -1)], [2.0, 30.0, 60.0], light)
 
 
-def test_a_lobe_that_turns_stays_faint_and_one_that_does_not_is_lit() -> None:
+def test_a_lobe_that_turns_stays_dark_and_one_that_does_not_is_lit() -> None:
     """Between two lit places it is dark for two frames, and turns between these."""
     lit, dark = _three_lamps([1.0, 8.0, 5.0]), _three_lamps([1.0, 8.0, 0.0])
     elsewhere = lamps([(0, 1, 0.2), (1, 0.2, 0), (0.3, 0.1, 1)], [2.0, 30.0, 60.0], [1.0, 8.0, 0.0])
@@ -163,71 +167,87 @@ def test_a_lobe_that_turns_stays_faint_and_one_that_does_not_is_lit() -> None:
     maps[3] = maps[3] + texels.texel_means(replace(elsewhere, amplitude=lit.amplitude), 64, 128)
     found, _ = _refined(shot, maps)
     shares = torch.stack([flux_shares(found[k])[2] for k in range(4)])
-    assert float(shares[1]) < 1.2 * temporal.FAINT_SHARE  # the flux is made exact after that
-    assert float(shares[2]) < 1.2 * temporal.FAINT_SHARE
+    assert float(shares[1]) == 0.0
+    assert float(shares[2]) == 0.0
     assert float(shares[0]) > 0.01
     assert float(shares[3]) > 0.01  # it was dark in this frame, where nothing holds it
     assert jumps([found[k] for k in range(4)]) == 0
 
 
-def _passing(degrees: float) -> Lobes:
-    """Return a lamp over a dim sky and two lamps beside it that stand."""
+def _overhead(degrees: float) -> Tensor:
+    """Return a map of a lamp that passes the zenith, longer than wide, over a room of lamps."""
     angle = math.radians(degrees)
-    lamp = (math.sin(angle), 0.4, math.cos(angle))
-    return lamps(
-        [lamp, (0.0, 1.0, 0.0), (0.2, -0.3, -1.0), (-0.2, -0.3, -1.0)],
-        [90.0, 0.6, 40.0, 40.0],
-        [12.0, 0.1, 3.0, 3.0],
+    ways = [angle + math.radians(offset) for offset in (-12.0, 0.0, 12.0)]
+    lamp = [(0.05, math.cos(way), math.sin(way)) for way in ways]
+    others = [(1.0, 0.3, 0.2), (-1.0, 0.2, 0.4), (0.3, -0.4, -1.0), (0.0, -1.0, 0.1)]
+    scene = lamps(
+        [*lamp, *others],
+        [90.0, 90.0, 90.0, 60.0, 40.0, 90.0, 0.6],
+        [12.0, 14.0, 10.0, 4.0, 3.0, 3.0, 0.1],
     )
+    return texels.texel_means(scene, 64, 128)
 
 
-def test_a_lobe_that_is_spare_is_lit_where_a_lamp_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A lamp that no lobe stands for passes while a lobe elsewhere is dark."""
-    truth = [_passing(8.0 * k) for k in range(9)]
-    maps = [texels.texel_means(lobes, 64, 128) for lobes in truth]
-    waits = torch.tensor([True, False, False, False])
-    spare = lamps([(0, -1, 0.3)], [60.0], [0.0])
-    shot = stack([lobes.replaced(waits, spare) for lobes in truth])
-    planned, _ = _refined(shot, maps)
-    monkeypatch.setattr(whole_shot, "replan", lambda *_: None)
-    kept, _ = _refined(shot, maps)
-    wrong = [
-        sum(frame_errors(lobes[k], radiance).values["r0.25"] for k, radiance in enumerate(maps))
-        for lobes in (planned, kept)
-    ]
-    assert wrong[0] < 0.2 * wrong[1]
-    assert jumps([planned[k] for k in range(9)]) == 0
+def _passing() -> list[Tensor]:
+    """Return frames between which it moves by twice as far as a lit lobe may turn."""
+    return [_overhead(-70.0 + 20.0 * frame) for frame in range(8)]
 
 
-def test_a_plan_that_shows_more_wrong_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that takes a lobe away from a lamp, because what it is missed was not told."""
-    truth = [_passing(2.0 * k) for k in range(7)]
-    maps = [texels.texel_means(lobes, 64, 128) for lobes in truth]
-    shot = stack(truth)
-    there = torch.nn.functional.normalize(torch.tensor([0.1, -1.0, 0.1]), dim=0)
-    lobe = replace(shot[3], axes=shot.axes[3]).select(torch.tensor([0] * 3))
-    lobe.axes[:] = axes_around(there)
-    places = Places(
-        lobe.axis_z.expand(7, 3, 3),
-        torch.full((7, 3), -math.inf).index_fill(0, torch.tensor([3]), 0.5),
-        torch.zeros(7, 4).index_fill(1, torch.tensor([1, 2, 3]), math.inf),
-        shot.axis_z,
-        shot.axis_z,
-        torch.ones(7, dtype=torch.bool),
-    )
-    survey = Survey(places, stack([lobe] * 7))
-    monkeypatch.setattr(replanning, "_surveyed", lambda *_: survey)
-    frames = [exposed(radiance) for radiance in maps]
-    chunk = Chunk(0, frames, [0.0] * 7, [0.0] * 7)
-    between.sweep(shot, chunk, chunk.places)
-    before, losses = shot.clone(), list(chunk.losses)
-    allowed = torch.ones(7, 4, dtype=torch.bool)
-    replanning.replan(shot, chunk, allowed, 0)
+def _wrong(shot: Lobes, maps: list[Tensor]) -> float:
+    return sum(frame_errors(shot[k], each).values["r0.5"] for k, each in enumerate(maps))
+
+
+def test_links_follow_a_lamp_that_outruns_the_leash() -> None:
+    maps, options = _passing(), FitOptions(lobes=8, preset=Preset.FAST)
+    shot = stack([fit.lobes for fit in follow(maps, options)])
+    followed, _ = _refined(shot, maps)
+    linked, losses = _refined(shot, maps, links=True)
+    assert _wrong(linked, maps) < 0.5 * _wrong(followed, maps)
+    assert jumps([linked[k] for k in range(len(maps))]) == 0
+    assert all(0 < loss < 0.5 for loss in losses)
+
+
+def test_links_that_show_more_wrong_are_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    maps, options = _passing(), FitOptions(lobes=8, preset=Preset.FAST)
+    shot = stack([fit.lobes for fit in follow(maps, options)])
+    followed, losses = _refined(shot, maps)
+    spoilt = replace(shot, axes=shot.axes.roll(4, dims=1), amplitude=shot.amplitude * 0.1)
+    monkeypatch.setattr(whole_shot, "linked", lambda *_: spoilt)
+    monkeypatch.setattr(whole_shot, "SWEEPS", 1)
+    found, found_losses = _refined(shot, maps, links=True)
+    assert found_losses == losses
     for name in ("axes", "sharpness", "amplitude"):
-        assert torch.equal(getattr(shot, name), getattr(before, name))
-    assert chunk.losses == losses
-    assert allowed.int().sum() == 27
-    assert not bool(allowed[3, 0])
+        assert torch.equal(getattr(found, name), getattr(followed, name))
+
+
+def test_nothing_is_linked_where_lobes_keep_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    def forbidden(*_: object) -> Lobes:
+        raise AssertionError
+
+    monkeypatch.setattr(whole_shot, "linked", forbidden)
+    maps = _noisy(5)
+    shot = _fitted(maps)
+    linked, losses = _refined(shot, maps, links=True)
+    followed, expected = _refined(shot, maps)
+    assert losses == expected
+    assert torch.equal(linked.axes, followed.axes)
+
+
+def test_a_black_frame_among_those_that_are_linked() -> None:
+    maps, options = _passing(), FitOptions(lobes=8, preset=Preset.LIVE)
+    maps[4] = torch.zeros_like(maps[4])
+    shot = stack([fit.lobes for fit in follow(maps, options)])
+    found, losses = _refined(shot, maps, links=True)
+    assert losses[4] == 0.0
+    assert float(found.amplitude[4].abs().max()) == 0.0
+    assert all(bool(t.isfinite().all()) for t in (found.axes, found.sharpness, found.amplitude))
+
+
+def test_frames_between_free_ones_are_free() -> None:
+    wanted = torch.zeros(30, dtype=torch.bool)
+    wanted[[3, 5, 5 + whole_shot.GAP + 1, 29]] = True
+    found = torch.nonzero(whole_shot._stretches(wanted)).flatten().tolist()
+    assert found == [*range(3, 5 + whole_shot.GAP + 2), 29]
 
 
 def test_frames_of_different_sizes_stay_as_they_are() -> None:
@@ -297,3 +317,16 @@ def test_materials_are_not_traded_for_the_map() -> None:
     assert bool(between._risen(brighter, even, target))
     assert not bool(between._risen(even, brighter, target))
     assert not bool(between._risen(even, even, target))
+
+
+def test_a_shot_is_linked_on_either_side_of_a_cut() -> None:
+    """No lobe is dark for the cut's sake, nor turned towards what is beyond it."""
+    passing, still = _passing(), _noisy(3)
+    options = FitOptions(lobes=8, preset=Preset.FAST)
+    shot = stack([fit.lobes for fit in follow(passing + still, options)])
+    assert between.cuts(temporal.waiting(shot)) == [len(passing)]
+    found, _ = _refined(shot, passing + still, links=True)
+    followed, _ = _refined(shot, passing + still)
+    assert _wrong(found, passing) < 0.5 * _wrong(followed, passing)
+    after = slice(len(passing), None)
+    assert _wrong(found[after], still) < 1.05 * _wrong(followed[after], still)

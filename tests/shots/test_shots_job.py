@@ -73,7 +73,7 @@ def test_a_fast_shot_is_refined_between_its_neighbours(source: Path, output: Pat
     assert [event for event in events if isinstance(event, Refined)] == [Refined(4, 4)]
     images = [torch.from_numpy(sky_files.sky(frame)) for frame in range(1001, 1005)]
     shot = stack([fit.lobes for fit in follow(list(images), shot_files.OPTIONS)])
-    ((_, lobes, losses),) = refine_shot(shot, [[exposed(image) for image in images]])
+    lobes, losses = refine_shot(shot, lambda: [[exposed(image) for image in images]])
     directions = fibonacci_directions(50)
     for index in range(4):
         expected = asg.evaluate(lobes[index], directions)
