@@ -14,6 +14,7 @@ from torch import Tensor
 from asglight.cli.progress import Reporter
 from asglight.fitting import paper
 from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.sequence import LINKS
 from asglight.fitting.temporal import waiting
 from asglight.images import sequence as image_sequence
 from asglight.judging.clock import Clock, Point
@@ -22,7 +23,7 @@ from asglight.judging.metrics import METRIC_NAMES, frame_errors, sequence_errors
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 
-PRESETS = (Preset.LIVE, Preset.FAST)
+PRESETS = (Preset.LIVE, Preset.FAST, Preset.BEST)
 
 AVERAGED, AVERAGED_EVERY = ("env", "irr", "r0.5", "r0.25"), 4
 """What a mean is of; frames from one that counts in it to the next: neighbours are alike."""
@@ -58,8 +59,8 @@ def following(
         follow(references[:2], options)  # unmeasured: prepares the grids
         label = f"following: {sequence.name}, {preset}"
         fitted = follow(report.follow(references, label, len(frames)), options)
-        if preset is Preset.FAST:
-            fitted = refined(references, *fitted)
+        if preset in LINKS:
+            fitted = refined(references, *fitted, preset)
         methods[preset.value] = _account(references, *fitted, peers)
     alone = references[:peers]
     label = f"following: {sequence.name}, independent"

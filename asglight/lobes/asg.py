@@ -18,6 +18,7 @@ Symbols: M0 integral, M1 first moment along z, Mxx, Myy, Mzz second moments, all
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -196,14 +197,21 @@ def _around(sharpness: Tensor) -> _Around:
     x_is_large = sharpness[..., :1] >= sharpness[..., 1:]
     large = torch.where(x_is_large, sharpness[..., :1], sharpness[..., 1:])  # [..., 1]
     small = torch.where(x_is_large, sharpness[..., 1:], sharpness[..., :1])
-    psi = (torch.arange(ANGLE_NODES, dtype=torch.float64) + 0.5) * (math.pi / 2 / ANGLE_NODES)
-    psi = psi.to(sharpness.device)
-    delta = (small.clamp(min=1) / large.clamp(min=1)).sqrt().detach()  # [..., 1]
-    stretched = torch.cos(psi).square() + delta.square() * torch.sin(psi).square()
-    weight = 4 * (math.pi / 2 / ANGLE_NODES) * delta / stretched  # four equal quadrants
-    along_large = delta.square() * torch.sin(psi).square() / stretched  # cos^2 phi
-    along_small = torch.cos(psi).square() / stretched  # sin^2 phi
+    cosine, sine = _squared_waves(str(sharpness.device))
+    square = (small.clamp(min=1) / large.clamp(min=1)).detach()  # delta^2  [..., 1]
+    stretched = cosine + square * sine
+    weight = 4 * (math.pi / 2 / ANGLE_NODES) * square.sqrt() / stretched  # four equal quadrants
+    along_large = square * sine / stretched  # cos^2 phi
+    along_small = cosine / stretched  # sin^2 phi
     return _Around(x_is_large, weight, along_large, small * along_small + large * along_large)
+
+
+@lru_cache(maxsize=8)
+@torch.inference_mode(False)
+def _squared_waves(device: str) -> tuple[Tensor, Tensor]:
+    """Return cos^2 psi and sin^2 psi at the nodes.  Two [K]."""
+    psi = (torch.arange(ANGLE_NODES, dtype=torch.float64) + 0.5) * (math.pi / 2 / ANGLE_NODES)
+    return torch.cos(psi).square().to(device), torch.sin(psi).square().to(device)
 
 
 def _disc_moments(sharpness: Tensor, *, smooth: bool) -> Moments:
