@@ -62,7 +62,7 @@ def test_every_change_is_followed_by_every_fit(
     monkeypatch.setattr(hard, "CHANGES", {"cuts": lambda one, two: [one, two, one]})
     assert hard.main(["--maps", str(tmp_path)]) == 0
     _, _, *rows = capsys.readouterr().out.splitlines()
-    assert [row.split(" | ")[1] for row in rows] == ["live", "fast", "afresh"]
+    assert [row.split(" | ")[1] for row in rows] == ["live", "fast", "best", "afresh"]
     assert all(float(row.split(" | ")[3]) < 0.05 for row in rows)  # r0.5
     jumped = [float(row.split(" | ")[5].removesuffix(" |")) for row in rows]
     assert min(jumped) > 0
