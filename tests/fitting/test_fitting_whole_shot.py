@@ -213,7 +213,7 @@ def test_links_that_show_more_wrong_are_not_taken(monkeypatch: pytest.MonkeyPatc
     followed, losses = _refined(shot, maps)
     spoilt = replace(shot, axes=shot.axes.roll(4, dims=1), amplitude=shot.amplitude * 0.1)
     monkeypatch.setattr(whole_shot, "linked", lambda *_: spoilt)
-    monkeypatch.setattr(whole_shot, "SWEEPS", 1)
+    monkeypatch.setattr(whole_shot, "LINKED_SWEEPS", 1)
     found, found_losses = _refined(shot, maps, links=True)
     assert found_losses == losses
     for name in ("axes", "sharpness", "amplitude"):
