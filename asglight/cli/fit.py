@@ -37,6 +37,11 @@ names kept: asglight fit sky.####.exr -o sky.v2.usdz --names-from sky.v1.usdz --
 elsewhere: asglight fit sky.####.exr -o sky.usdc --primary-path /World/Lights/Env --up-axis Z
 part of a shot: asglight fit sky.####.exr -o part.2.usdc --frames 1045-1096 --preroll 1001
 Dask: {farm.EXAMPLE}"""
+MADE = (
+    "live: while the shot plays; fast; best: slower, steadier where lamps rush past; paper: as "
+    "published in 2024 (default: %(default)s)"
+)
+
 ON_INTERRUPT = "interrupted; resume with --resume"
 
 
@@ -55,8 +60,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--tolerance", type=float, metavar="ERROR", help=f"{fewest} this, such as 0.02")
     most = f"lobes at most, with --tolerance (default: {MAX_LOBES})"
     add("--max-lobes", type=int, metavar="N", help=most)
-    presets, made = [str(preset) for preset in Preset], "how the fit is made (default: %(default)s)"
-    add("--preset", choices=presets, default=str(default.preset), help=made)
+    presets = [str(preset) for preset in Preset]
+    add(
+        "--preset",
+        choices=presets,
+        default=str(default.preset),
+        help=f"{MADE} (default: %(default)s)",
+    )
     function = "lobe function; auto: asg, or flat if a still is better so (default: %(default)s)"
     add("--form", choices=FORM_NAMES, default=str(default.form), help=function)
     add_input_options(parser)
