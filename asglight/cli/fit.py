@@ -61,12 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     most = f"lobes at most, with --tolerance (default: {MAX_LOBES})"
     add("--max-lobes", type=int, metavar="N", help=most)
     presets = [str(preset) for preset in Preset]
-    add(
-        "--preset",
-        choices=presets,
-        default=str(default.preset),
-        help=f"{MADE} (default: %(default)s)",
-    )
+    add("--preset", choices=presets, default=str(default.preset), help=MADE)
     function = "lobe function; auto: asg, or flat if a still is better so (default: %(default)s)"
     add("--form", choices=FORM_NAMES, default=str(default.form), help=function)
     add_input_options(parser)
