@@ -96,7 +96,7 @@ def sweep(shot: Lobes, chunk: Chunk, places: Sequence[int]) -> None:
             _step(shot, chunk, own)
 
 
-def in_units(shot: Lobes, index: Tensor, frames: Sequence[Exposed]) -> Lobes:
+def _in_units(shot: Lobes, index: Tensor, frames: Sequence[Exposed]) -> Lobes:
     """Return lobes in the units in which frames are fitted.
 
     Args:
@@ -110,7 +110,7 @@ def in_units(shot: Lobes, index: Tensor, frames: Sequence[Exposed]) -> Lobes:
     return lobes.to(frames[0].radiance.device)
 
 
-def put(shot: Lobes, index: Tensor, lobes: Lobes) -> None:
+def _put(shot: Lobes, index: Tensor, lobes: Lobes) -> None:
     """Write lobes into frames of a shot.
 
     Args:
@@ -123,7 +123,7 @@ def put(shot: Lobes, index: Tensor, lobes: Lobes) -> None:
     shot.amplitude[index] = lobes.amplitude.to(shot.axes)
 
 
-def bounds(shot: Lobes, index: Tensor) -> Bounds:
+def _bounds(shot: Lobes, index: Tensor) -> Bounds:
     """Return what holds lobes between their neighbours, on the device of the shot.
 
     Args:
@@ -169,8 +169,8 @@ def _step(shot: Lobes, chunk: Chunk, places: list[int]) -> None:
     index = torch.tensor(places) + chunk.first
     whole = objective.target(torch.cat([frame.radiance for frame in frames]), CORNERS)
     device = whole.radiance.device
-    own, held = in_units(shot, index, frames), bounds(shot, index)
-    turning, leash = held.turning.to(device), on(held.leash, device)
+    own, held = _in_units(shot, index, frames), _bounds(shot, index)
+    turning, leash = held.turning.to(device), _on(held.leash, device)
     shown = lobe_images.images(own, whole.places)
     start = light.relight(shown, whole, turning).lobes
     found = newton.minimise(
@@ -191,7 +191,7 @@ def _step(shot: Lobes, chunk: Chunk, places: list[int]) -> None:
     after, before = replace(found.shown, lobes=lit).radiance, shown.radiance
     kept = _risen(after, before, whole)
     lit = chosen(kept, own, lit)
-    put(shot, index, replace(lit, amplitude=lit.amplitude * unit))
+    _put(shot, index, replace(lit, amplitude=lit.amplitude * unit))
     after = torch.where(kept[:, None, None], before, after)
     losses, materials = objective.value(after, whole), _materials(after, whole)[1]
     for place, loss, part in zip(places, losses.tolist(), materials.tolist(), strict=True):
@@ -203,13 +203,13 @@ def _priors(shot: Lobes, index: Tensor, frames: list[Exposed]) -> list[temporal.
     priors = []
     for other in _beside(shot, index):
         same, turns = _related(shot, index, other)
-        prior = temporal.prior(in_units(shot, other, frames), GAMMA)
+        prior = temporal.prior(_in_units(shot, other, frames), GAMMA)
         counts = (same[:, None] & ~turns).to(prior.share)
         priors.append(replace(prior, share=prior.share * counts))
     return priors
 
 
-def on(leash: Between, device: torch.device) -> Between:
+def _on(leash: Between, device: torch.device) -> Between:
     """Bring leashes to a device."""
     before, after = (
         Leash(each.axis_z.to(device), each.cosine.to(device))

@@ -150,20 +150,18 @@ def _free_dark(start: newton.Outcome, free: Tensor, frame: objective.Target) -> 
     return replace(start, lobes=black.replaced(~free, lit)[None], shown=None)
 
 
-def elsewhere(lobes: Lobes, index: int, frame: objective.Target, later: int = 0) -> list[Lobes]:
+def elsewhere(lobes: Lobes, index: int, frame: objective.Target) -> list[Lobes]:
     """Return the lobes with a dark one in each place that it may be worth.
 
     Args:
         lobes: All lobes.  [N, .]
         index: The dark one.
         frame: The map on few leaves.
-        later: How often other places were tried before: the splits that come next compete.
     """
     shown = lobe_images.images(lobes[None], frame.places)
     may_go = torch.full((lobes.count,), torch.inf)
     may_go[index] = 0.0
-    ordered = regroup.ordered(shown, frame, may_go)
-    splits = [ordered[(later * SPLITS + place) % len(ordered)] for place in range(SPLITS)]
+    splits = regroup.ordered(shown, frame, may_go)[:SPLITS]
     own = torch.zeros(lobes.count, dtype=torch.bool, device=lobes.axes.device)
     own[index] = True
     return [*(regroup.halved(lobes, *split) for split in splits), sent(lobes, own, frame)]

@@ -82,8 +82,8 @@ def refine_shot(
     other = _linked(shot, places, read(), lambda done: on_chunk(done, 2 * count))
     ways = [(shot, SWEEPS)] if other is None else [(shot, SWEEPS), (other, LINKED_SWEEPS)]
     found, *rest = _swept(ways, read(), lambda done: on_chunk(count + done, 2 * count))
-    for each in rest:
-        found = _better(found, each, places)
+    if rest:
+        found = _better(found, rest[0], places)
     return found.lobes, found.losses
 
 
