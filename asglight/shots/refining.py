@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The second reading of a shot: every frame once more, between both its neighbours.
+"""The second reading of a shot: every frame once more, between both its neighbours; `best` has two.
 
 What the checkpoint keeps is the result of the first reading, so an interrupted run comes to the
 same bytes.
