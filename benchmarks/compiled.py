@@ -20,7 +20,6 @@ from torch import Tensor
 from asglight.cli.parser import one_line
 from asglight.errors import InputError
 from asglight.fitting import compiled, light, lobe_images, newton, objective, seeding
-from asglight.fitting.coordinates import advance
 from asglight.fitting.first_frame import exposed
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
@@ -93,16 +92,12 @@ def parts(reference: Tensor) -> list[Row]:
     shown = lobe_images.images(lobes, target.places)
     radiance = shown.radiance
     misfit = objective.misfit(radiance, target)
-    hessian, gradient = newton.normal_equations(shown, misfit, target)
-    damping = torch.tensor([newton.DAMPING_START], dtype=torch.float64)
-    step = newton._solve(hessian, gradient, lobes, damping)
     calls = {
         "images of the lobes": lambda: lobe_images.images(lobes, target.places),
         "J": lambda: objective.value(radiance, target),
         "its slope on leaves": lambda: objective.misfit(radiance, target, target_sizes),
         "matrix and slope": lambda: newton.normal_equations(shown, misfit, target),
-        "solution": lambda: newton._solve(hessian, gradient, lobes, damping),
-        "lobes moved": lambda: advance(lobes, step, 1e-3),
+        "four steps": lambda: newton.minimise(lobes, target, 4, tolerance=0.0, shown=shown),
         "light": lambda: light.relight(shown, target),
     }
     target_sizes = objective.sizes(radiance, target)

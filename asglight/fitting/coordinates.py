@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import compiled
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import orthonormal, parallel_transport
 
@@ -98,6 +97,13 @@ def pulled_back(lobes: Lobes, leash: Leash | Between) -> Lobes:
     return replace(lobes, axes=parallel_transport(lobes.axes, leash.hold(lobes.axis_z)))
 
 
+def sharpness_max(form: Form, width_min: float) -> float:
+    """Return the largest sharpness of lobes no narrower than a sigma, radians."""
+    if width_min <= 0:
+        return asg.SHARPNESS_MAX
+    return min(asg.SHARPNESS_MAX, 1 / (asg.per_variance(form) * width_min**2))
+
+
 def advance(
     lobes: Lobes, step: Tensor, width_min: float = 0.0, leash: Leash | Between | None = None
 ) -> Lobes:
@@ -109,13 +115,7 @@ def advance(
         width_min: Sigma of the narrowest lobe allowed, radians.
         leash: Bounds on the directions.
     """
-    limit = asg.SHARPNESS_MAX
-    if width_min > 0:
-        limit = min(limit, 1 / (asg.per_variance(lobes.form) * width_min**2))
-    if compiled.moves(lobes) and not isinstance(leash, Between):
-        bounds = (TILT_MAX_WIDTHS, TILT_MAX, SHAPE_MAX, asg.SHARPNESS_MIN, limit)
-        held = None if leash is None else (leash.axis_z, leash.cosine)
-        return compiled.advance(lobes, step, bounds, held)
+    limit = sharpness_max(lobes.form, width_min)
     step = step.to(lobes.axes.dtype)
     tilt, shape, light = step[..., :2], step[..., 2:5], step[..., 5:]
     widths = asg.per_variance(lobes.form) * lobes.sharpness

@@ -119,6 +119,19 @@ def joined(one: Images, other: Images) -> Images:
     return Images(lobes, values, gaussian, torch.cat([one.scale, other.scale]), terms)
 
 
+def empty_like(shown: Images) -> Images:
+    """Return room for as many images of as many lobes, without terms."""
+    lobes = shown.lobes
+    axes, sharpness, amplitude, values, gaussian, scale = (
+        torch.empty_like(each, memory_format=torch.contiguous_format)
+        for each in (
+            *(lobes.axes, lobes.sharpness, lobes.amplitude),
+            *(shown.values, shown.gaussian, shown.scale),
+        )
+    )
+    return Images(Lobes(axes, sharpness, amplitude, lobes.form), values, gaussian, scale)
+
+
 def images(lobes: Lobes, places: Leaves) -> Images:
     """Evaluate lobes on leaves.  [F, N, .]."""
     if compiled.serves(lobes, places):

@@ -20,9 +20,11 @@ from torch import Tensor
 
 from asglight.fitting import compiled, lobe_images, objective, temporal
 from asglight.fitting.captured import Replays
+from asglight.fitting.compiled import layout
 from asglight.fitting.coordinates import UNKNOWNS, Between, Leash, advance
 from asglight.fitting.footprints import Footprint, footprint
-from asglight.fitting.grid import cell_sums, coarser, grid
+from asglight.fitting.grid import Grid, cell_sums, coarser, grid
+from asglight.fitting.leaves import Leaves
 from asglight.fitting.lobe_images import COLUMNS, Images
 from asglight.fitting.objective import Misfit, Sizes
 from asglight.fitting.probes import CURVATURE_ROWS, probe, tables
@@ -74,7 +76,7 @@ class _State:
 
 
 @dataclass(frozen=True)
-class _Setting:
+class Setting:
     """What the steps of one call have in common; see `minimise`."""
 
     frame: objective.Target
@@ -82,6 +84,7 @@ class _Setting:
     width_min: float
     leash: Leash | Between | None
     still: Tensor | None = None
+    tolerance: float = TOLERANCE
 
 
 _Progress = tuple[_State, Tensor]
@@ -120,10 +123,13 @@ def minimise(
         on_step: Called with the lobes after each step.
         shown: The lobes on the frame's leaves, where they are known.
     """
-    given = _Setting(frame, tuple(priors), width_min, leash, still)
-    state = _judged(shown or lobe_images.images(lobes, frame.places), frame, given.priors)
+    given = Setting(frame, tuple(priors), width_min, leash, still, tolerance)
+    shown = shown or lobe_images.images(lobes, frame.places)
     damping = torch.as_tensor(damping, dtype=torch.float64, device=lobes.axes.device)
-    damping = damping.expand(len(state.value))
+    damping = damping.expand(len(lobes.axes))
+    if compiled.serves(lobes, frame.places):
+        return _compiled(shown, damping, given, steps, on_step)
+    state = _judged(shown, frame, given.priors)
     if lobes.axes.is_cuda:
         state, damping = _on_device(state, damping, given, steps, on_step)
         return Outcome(state.shown.lobes, state.value, damping, state.shown)
@@ -132,7 +138,7 @@ def minimise(
         equations = equations or _equations(state, given)
         tried = _tried(state, equations, damping, given)
         better = tried.value < state.value
-        finished = better & (state.value - tried.value < tolerance * state.value)
+        finished = better & (state.value - tried.value < given.tolerance * state.value)
         damping = _next_damping(damping, better)
         if bool(better.any()):
             state = tried if bool(better.all()) else _chosen(better, tried, state)
@@ -144,8 +150,31 @@ def minimise(
     return Outcome(state.shown.lobes, state.value, damping, state.shown)
 
 
+def _compiled(
+    shown: Images, damping: Tensor, given: Setting, steps: int, on_step: OnStep | None
+) -> Outcome:
+    """Take all steps in C."""
+    places, found = given.frame.places, lobe_images.empty_like(shown)
+    cells = _summed_on(places)
+    counts = shown.scale.shape[0], shown.scale.shape[1]
+    rule = DAMPING_UP, DAMPING_DOWN, DAMPING_MIN, DAMPING_MAX
+    laid = layout.steps(given, cells, (tables(places.rows), tables(cells.height)), rule, counts)
+
+    def report() -> None:
+        if on_step is not None:
+            on_step(found.lobes.clone())
+
+    done = compiled.minimise(shown, found, damping, steps, laid, on_step and report)
+    return Outcome(found.lobes, *done, found)
+
+
+def _summed_on(places: Leaves) -> Grid:
+    """Return the grid of cells on which the matrix is summed."""
+    return grid(coarser(places.rows, CURVATURE_ROWS), str(places.refined.device))
+
+
 def _on_device(
-    state: _State, damping: Tensor, given: _Setting, steps: int, on_step: OnStep | None
+    state: _State, damping: Tensor, given: Setting, steps: int, on_step: OnStep | None
 ) -> _Progress:
     """Take all steps on a GPU, which would have to be waited for to know that one is the last."""
 
@@ -156,7 +185,7 @@ def _on_device(
     return REPLAYS.run(_step, (state, damping), given, steps, on_step and report)
 
 
-def _step(progress: _Progress, given: _Setting) -> _Progress:
+def _step(progress: _Progress, given: Setting) -> _Progress:
     """Take a step in each frame where it lowers J, without asking what was found."""
     state, damping = progress
     tried = _tried(state, _equations(state, given), damping, given)
@@ -165,7 +194,7 @@ def _step(progress: _Progress, given: _Setting) -> _Progress:
 
 
 def _tried(
-    state: _State, equations: tuple[Tensor, Tensor], damping: Tensor, given: _Setting
+    state: _State, equations: tuple[Tensor, Tensor], damping: Tensor, given: Setting
 ) -> _State:
     lobes = state.shown.lobes
     step = _solve(*equations, lobes, damping, given.still)
@@ -208,7 +237,7 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
     return _State(shown, found, of(tried.value, before.value))
 
 
-def _equations(state: _State, given: _Setting) -> tuple[Tensor, Tensor]:
+def _equations(state: _State, given: Setting) -> tuple[Tensor, Tensor]:
     found = objective.misfit(state.shown.radiance, given.frame, state.sizes)
     hessian, gradient = normal_equations(state.shown, found, given.frame)
     for prior in given.priors:
@@ -232,7 +261,7 @@ def normal_equations(
         H [F, 8 N, 8 N] and g [F, 8 N] in float64, unknowns of a lobe together, shape before light.
     """
     lobes, places = shown.lobes, frame.places
-    cells = grid(coarser(places.rows, CURVATURE_ROWS), str(lobes.axes.device))
+    cells = _summed_on(places)
     if compiled.serves(lobes, places):
         leaves, probes = places.compiled, tables(cells.height)
         slopes, of_scale = compiled.slopes(lobes, shown.scale, found.slope, leaves)
@@ -275,8 +304,6 @@ def _solve(
     hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor, still: Tensor | None = None
 ) -> Tensor:
     """Solve the damped systems; unknowns at a bound that would cross it stay.  [F, N, 8]."""
-    if compiled.moves(lobes):
-        return compiled.solve(hessian, gradient, lobes, damping, still, asg.SHARPNESS_MIN)
     ahead = gradient.reshape(-1, lobes.count, UNKNOWNS)
     held = torch.zeros_like(ahead, dtype=torch.bool)
     held[..., 2:4] = (lobes.sharpness <= asg.SHARPNESS_MIN) & (ahead[..., 2:4] > 0)

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import compiled
 from asglight.fitting.coordinates import BROAD, concentration
 from asglight.lobes import Lobes, asg
 
@@ -86,17 +85,12 @@ def displacement(lobes: Lobes, held: Prior) -> Tensor:
 
 def value(lobes: Lobes, held: Prior) -> Tensor:
     """Return T.  [F]."""
-    if compiled.moves(lobes):
-        return compiled.temporal(lobes, held, CORNER)[0]
     delta = displacement(lobes, held)
     return (held.share * (delta.square().sum(-1) + CORNER**2).sqrt()).sum(-1)
 
 
 def slopes(lobes: Lobes, held: Prior) -> tuple[Tensor, Tensor]:
     """Return the diagonal of T's majoriser and T's gradient, in float64.  Two [F, 8 N]."""
-    if compiled.moves(lobes):
-        _, curvature, slope = compiled.temporal(lobes, held, CORNER)
-        return curvature, slope
     delta = displacement(lobes, held)
     weight = (held.share / (delta.square().sum(-1) + CORNER**2).sqrt())[..., None]
     unit = held.scale.clone()

@@ -359,7 +359,7 @@ def _one_by_one(
     lobes: Lobes, frame: objective.Target, others: dict, steps: int
 ) -> newton._Progress:
     """Take steps without a graph; from the second on, none may wait for the GPU."""
-    given = newton._Setting(frame, others["priors"], 0.0, others["leash"])
+    given = newton.Setting(frame, others["priors"], 0.0, others["leash"])
     start = newton.minimise(lobes, frame, 0, **others)
     assert start.shown is not None
     progress = newton._judged(start.shown, frame, given.priors), start.damping

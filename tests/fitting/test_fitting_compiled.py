@@ -11,6 +11,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+import compiled_parts
 import pytest
 import torch
 from leaf_cases import CENTRES, POLES, lobes_at, plain_leaves, refined_leaves
@@ -29,7 +30,7 @@ from asglight.fitting import (
     temporal,
 )
 from asglight.fitting.compiled import library
-from asglight.fitting.coordinates import Leash
+from asglight.fitting.coordinates import Between, Leash
 from asglight.fitting.grid import POWERS
 from asglight.lobes import Form, Lobes
 from asglight.lobes import data as lobe_data
@@ -43,6 +44,8 @@ def _doubled(value: Any) -> Any:
     """Return a dataclass with float64 in the place of float32; no compiled step serves that."""
     if isinstance(value, Tensor):
         return value.double() if value.is_floating_point() else value
+    if isinstance(value, list):
+        return [_doubled(each) for each in value]
     if not hasattr(value, "__dataclass_fields__"):
         return value
     found = {each.name: _doubled(getattr(value, each.name)) for each in fields(value)}
@@ -169,7 +172,7 @@ def _equations(lobes: Lobes) -> tuple[Tensor, Tensor]:
 
 @pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("some_stay", [False, True])
-def test_the_solved_step_is_that_of_torch(count: int, some_stay: bool, torch_steps: None) -> None:
+def test_the_solved_step_is_that_of_torch(count: int, some_stay: bool) -> None:
     lobes = alike(Form.ASG, count, (0, 1))
     lobes.amplitude[0, 0] = 0.0  # at its bound
     lobes.sharpness[1, 0] = 1e-3
@@ -180,32 +183,44 @@ def test_the_solved_step_is_that_of_torch(count: int, some_stay: bool, torch_ste
     if still is not None:
         still[1, -1] = True
     expected = newton._solve(hessian, gradient, lobes, damping, still)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compiled, "LIBRARY", compiled.load())
-        found = newton._solve(hessian, gradient, lobes, damping, still)
+    found = compiled_parts.solve(hessian, gradient, lobes, damping, still)
     # both in float64; what differs is the order of a hundred thousand products
     torch.testing.assert_close(found, expected, rtol=1e-8, atol=1e-10)
     assert bool((found[0, 0, 5:] >= 0).all())
 
 
-def test_a_system_that_is_not_definite_gives_no_step() -> None:
+@pytest.mark.parametrize("solve", [compiled_parts.solve, newton._solve])
+def test_a_system_that_is_not_definite_gives_no_step(solve: Callable[..., Tensor]) -> None:
     lobes = alike(Form.ASG, 2)
     hessian, gradient = _equations(lobes)
     hessian[0, 4, 5] = hessian[0, 5, 4] = 1e3 * hessian.abs().max()
-    step = newton._solve(hessian, gradient, lobes, torch.zeros(1, dtype=DOUBLE))
+    step = solve(hessian, gradient, lobes, torch.zeros(1, dtype=DOUBLE), None)
     assert torch.equal(step, torch.zeros_like(step))
 
 
+def _leash(kind: str, lobes: Lobes) -> Leash | Between | None:
+    """Return what holds 2 x 15 lobes, one of them free."""
+    if kind == "none":
+        return None
+    cosine = torch.full(lobes.axis_z.shape[:-1], math.cos(math.radians(9.9)))
+    cosine[:, 1] = -1.0
+    if kind == "one":
+        return Leash(alike(Form.ASG, 15, (2, 3)).axis_z, cosine)
+    # within 9.9 degrees of both, or for the third lobe of neither
+    ahead = torch.nn.functional.normalize(lobes.axis_z + 0.1 * lobes.axis_x, dim=-1)
+    behind = torch.nn.functional.normalize(lobes.axis_z - 0.15 * lobes.axis_y, dim=-1)
+    behind[:, 2] = -lobes.axis_z[:, 2]
+    return Between(Leash(ahead, cosine), Leash(behind, cosine.clone()), lobes.axis_z)
+
+
 @pytest.mark.parametrize("size", [1e-3, 0.3, 30.0])
-@pytest.mark.parametrize("held", [False, True])
-def test_lobes_move_as_in_torch(size: float, held: bool, in_torch: Callable[..., Any]) -> None:
+@pytest.mark.parametrize("held", ["none", "one", "between"])
+def test_lobes_move_as_in_torch(size: float, held: str, in_torch: Callable[..., Any]) -> None:
     lobes = alike(Form.ASG, 15, (0, 1))
     generator = torch.Generator().manual_seed(1)
     step = size * torch.randn(2, 15, 8, generator=generator, dtype=DOUBLE)
-    cosine = torch.full(lobes.axis_z.shape[:-1], math.cos(math.radians(9.9)))
-    cosine[:, 1] = -1.0
-    leash = Leash(alike(Form.ASG, 15, (2, 3)).axis_z, cosine) if held else None
-    found = coordinates.advance(lobes, step, 1e-2, leash)
+    leash = _leash(held, lobes)
+    found = compiled_parts.advance(lobes, step, 1e-2, leash)
     expected = in_torch(coordinates.advance, lobes, step, 1e-2, leash)
     # sinh of a shear that is no shear is lost a little in float32
     _check_near(found.axes, expected.axes, 1e-6)
@@ -216,11 +231,118 @@ def test_lobes_move_as_in_torch(size: float, held: bool, in_torch: Callable[...,
 def test_the_temporal_term_is_that_of_torch(in_torch: Callable[..., Any]) -> None:
     lobes, before = alike(Form.ASG, 7, (0, 1)), alike(Form.ASG, 7, (2, 3))
     held = temporal.prior(before)
-    exact = replace(_doubled(held), lobes=_doubled(before))
-    _check_near(temporal.value(lobes, held), in_torch(temporal.value, lobes, exact), 1e-6)
-    found, expected = temporal.slopes(lobes, held), in_torch(temporal.slopes, lobes, exact)
-    for one, other in zip(found, expected, strict=True):
+    value, *found = compiled_parts.term(lobes, held)
+    _check_near(value, in_torch(temporal.value, lobes, held), 1e-6)
+    for one, other in zip(found, in_torch(temporal.slopes, lobes, held), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-9)
+
+
+def _near(name: str, count: int, held: str) -> tuple[Lobes, objective.Target, dict[str, Any]]:
+    """Return lobes near those that a map shows, the map, and what holds them."""
+    truth, frame = _case(name, count)
+    shown = lobe_images.images(truth, frame.places).radiance
+    parts = shown[:, None, :, : frame.places.count].expand_as(frame.parts).contiguous()
+    frame = replace(frame, radiance=shown, parts=parts)
+    generator = torch.Generator().manual_seed(3)
+    step = 0.1 * torch.randn(2, count, 8, generator=generator, dtype=DOUBLE)
+    lobes = coordinates.advance(truth, step)
+    others: dict[str, Any] = {"damping": 1e-2, "width_min": 1e-2}
+    if held != "none":
+        others["priors"] = [temporal.prior(truth), temporal.prior(lobes)]
+        one = Leash(truth.axis_z, torch.full(truth.axis_z.shape[:-1], math.cos(0.1)))
+        others["leash"] = one if held == "one" else _leash(held, lobes)
+        others["still"] = torch.arange(count).expand(2, count) == 4
+    return lobes, frame, others
+
+
+@pytest.mark.parametrize(
+    ("count", "held"), [(1, "none"), (8, "none"), (15, "none"), (15, "one"), (15, "between")]
+)
+@pytest.mark.parametrize("name", LEAVES)
+@pytest.mark.parametrize("steps", [1, 3])
+def test_steps_are_those_of_torch_in_float64(
+    name: str, count: int, held: str, steps: int, in_torch: Callable[..., Any]
+) -> None:
+    lobes, frame, others = _near(name, count, held)
+    found = newton.minimise(lobes, frame, steps, tolerance=0.0, **others)
+    exact = in_torch(newton.minimise, lobes, frame, steps, tolerance=0.0, **others)
+    start = in_torch(newton.minimise, lobes, frame, 0, **others).value
+    assert bool((exact.value < 0.9 * start).all())
+    assert torch.equal(found.damping, exact.damping)
+    # J is a difference of sums in float32; each step multiplies what the one before rounded
+    torch.testing.assert_close(found.value / start, exact.value / start, rtol=1e-3, atol=3e-5)
+    _check_near(found.lobes.axes, exact.lobes.axes, 1e-3)
+    torch.testing.assert_close(
+        found.lobes.sharpness.double(), exact.lobes.sharpness, rtol=1e-2, atol=1e-3
+    )
+    again = lobe_images.images(found.lobes, frame.places)
+    assert found.shown is not None
+    for what in ("values", "gaussian", "scale"):
+        assert torch.equal(getattr(found.shown, what), getattr(again, what))
+    if held != "none":
+        _check_near(found.lobes.axes[:, 4], lobes.axes[:, 4], 1e-6)
+
+
+def test_frames_side_by_side_take_the_steps_that_each_takes_alone() -> None:
+    lobes, frame, _ = _near("cells and texels", 5, "none")
+    seldom = replace(frame, radiance=frame.radiance.clone(), parts=frame.parts.clone())
+    seldom.radiance[1] *= 3.0
+    seldom.parts[1] *= 3.0
+    found = newton.minimise(lobes, seldom, 5, tolerance=0.0)
+    for index in range(2):
+        places = {
+            name: value[[index]] if isinstance(value, Tensor) else value
+            for name, value in vars(seldom.places).items()
+            if name != "compiled"
+        }
+        own = {
+            name: value[[index]] if isinstance(value, Tensor) else value
+            for name, value in vars(seldom).items()
+            if name not in ("compiled", "places")
+        }
+        single = objective.Target(places=leaves.Leaves(**places), **own)
+        alone = newton.minimise(lobes[[index]], single, 5, tolerance=0.0)
+        assert torch.equal(found.value[[index]], alone.value)
+        assert torch.equal(found.lobes.axes[[index]], alone.lobes.axes)
+
+
+def test_steps_without_gain_leave_lobes_as_they_are() -> None:
+    truth, frame, _ = _near("cells and texels", 5, "none")
+    best = newton.minimise(truth, frame, 200, tolerance=0.0)
+    assert bool((best.damping == newton.DAMPING_MAX).all())  # all fail from there
+    found = newton.minimise(best.lobes, frame, 3, tolerance=0.0, damping=newton.DAMPING_MAX)
+    assert torch.equal(found.lobes.axes, best.lobes.axes)
+    assert found.shown is not None
+    assert best.shown is not None
+    assert torch.equal(found.shown.values, best.shown.values)
+    assert torch.equal(found.value, best.value)
+
+
+def test_each_step_is_reported_and_changes_nothing() -> None:
+    lobes, frame, others = _near("cells and texels", 15, "one")
+    seen: list[Lobes] = []
+    found = newton.minimise(lobes, frame, 4, tolerance=0.0, on_step=seen.append, **others)
+    quiet = newton.minimise(lobes, frame, 4, tolerance=0.0, **others)
+    for steps, each in enumerate(seen, 1):
+        alone = newton.minimise(lobes, frame, steps, tolerance=0.0, **others)
+        assert torch.equal(each.axes, alone.lobes.axes)
+    assert len(seen) == 4
+    assert torch.equal(found.lobes.amplitude, quiet.lobes.amplitude)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError("told to end")])
+def test_what_is_raised_after_a_step_ends_the_steps(error: Any) -> None:
+    lobes, frame, others = _near("cells and texels", 5, "none")
+    calls: list[Lobes] = []
+
+    def after(each: Lobes) -> None:
+        calls.append(each)
+        if len(calls) == 2:
+            raise error
+
+    with pytest.raises(KeyboardInterrupt if error is KeyboardInterrupt else RuntimeError):
+        newton.minimise(lobes, frame, 9, tolerance=0.0, on_step=after, **others)
+    assert len(calls) == 2
 
 
 @pytest.mark.parametrize("rows", [7, 10, 32, 64])

@@ -53,7 +53,7 @@ def _only_there() -> Iterator[None]:
         yield
 
 
-def _start(form: Form, frames: int, held: bool) -> tuple[newton._Progress, newton._Setting]:
+def _start(form: Form, frames: int, held: bool) -> tuple[newton._Progress, newton.Setting]:
     """Return where a step begins, as a pass over a shot takes it if lobes are held.
 
     There each neighbour has a prior and a leash, and some lobes stay.
@@ -68,7 +68,7 @@ def _start(form: Form, frames: int, held: bool) -> tuple[newton._Progress, newto
         still = temporal.is_faint(lobes)
     state = newton._judged(lobe_images.images(lobes, frame.places), frame, priors)
     damping = torch.full((frames,), 0.01, dtype=torch.float64)
-    return (state, damping), newton._Setting(frame, priors, 0.003, leash, still)
+    return (state, damping), newton.Setting(frame, priors, 0.003, leash, still)
 
 
 def _there(value: Any) -> Any:
@@ -90,7 +90,7 @@ def test_a_narrowest_width_and_one_size_of_leaves_stay_there_too() -> None:
     lobes, frame = alike(Form.ASG), target(noise(32), 32)
     state = newton._judged(lobe_images.images(lobes, frame.places), frame, ())
     start = (state, torch.full((1,), 0.01, dtype=torch.float64))
-    progress, given = map(_there, (start, newton._Setting(frame, (), 0.0, None)))
+    progress, given = map(_there, (start, newton.Setting(frame, (), 0.0, None)))
     newton._step(progress, given)
     with _only_there():
         found = newton._step(progress, given)

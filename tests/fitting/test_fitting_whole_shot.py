@@ -22,7 +22,7 @@ from asglight.fitting.whole_shot import refine_shot
 from asglight.judging.following import jumps
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes, texels
-from asglight.lobes.data import stack
+from asglight.lobes.data import joined, stack
 from asglight.lobes.frames import parallel_transport
 from asglight.lobes.matching import flux_shares
 
@@ -197,9 +197,15 @@ def _wrong(shot: Lobes, maps: list[Tensor]) -> float:
     return sum(frame_errors(shot[k], each).values["r0.5"] for k, each in enumerate(maps))
 
 
+def _left_behind(maps: list[Tensor]) -> Lobes:
+    """Return the lobes of the first frame for every frame, as if none had been followed."""
+    first = follow(maps[:1], FitOptions(lobes=8, preset=Preset.FAST))[0].lobes
+    return stack([first] * len(maps))
+
+
 def test_links_follow_a_lamp_that_outruns_the_leash() -> None:
-    maps, options = _passing(), FitOptions(lobes=8, preset=Preset.FAST)
-    shot = stack([fit.lobes for fit in follow(maps, options)])
+    maps = _passing()
+    shot = _left_behind(maps)
     followed, _ = _refined(shot, maps)
     linked, losses = _refined(shot, maps, links=True)
     assert _wrong(linked, maps) < 0.5 * _wrong(followed, maps)
@@ -208,8 +214,8 @@ def test_links_follow_a_lamp_that_outruns_the_leash() -> None:
 
 
 def test_links_that_show_more_wrong_are_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    maps, options = _passing(), FitOptions(lobes=8, preset=Preset.FAST)
-    shot = stack([fit.lobes for fit in follow(maps, options)])
+    maps = _passing()
+    shot = _left_behind(maps)
     followed, losses = _refined(shot, maps)
     spoilt = replace(shot, axes=shot.axes.roll(4, dims=1), amplitude=shot.amplitude * 0.1)
     monkeypatch.setattr(whole_shot, "linked", lambda *_: spoilt)
@@ -322,8 +328,7 @@ def test_materials_are_not_traded_for_the_map() -> None:
 def test_a_shot_is_linked_on_either_side_of_a_cut() -> None:
     """No lobe is dark for the cut's sake, nor turned towards what is beyond it."""
     passing, still = _passing(), _noisy(3)
-    options = FitOptions(lobes=8, preset=Preset.FAST)
-    shot = stack([fit.lobes for fit in follow(passing + still, options)])
+    shot = joined(_left_behind(passing), _left_behind(still))
     assert between.cuts(temporal.waiting(shot)) == [len(passing)]
     found, _ = _refined(shot, passing + still, links=True)
     followed, _ = _refined(shot, passing + still)

@@ -8,14 +8,15 @@ asg, in float64, on grids with an odd number of rows, and where nothing was comp
 
 import ctypes
 import platform
-from ctypes import Structure, addressof, c_int64, c_void_p
-from functools import lru_cache
+from collections.abc import Callable
+from ctypes import CFUNCTYPE, Structure, addressof, c_int, c_int64, c_void_p
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
+from asglight.fitting.compiled import layout
 from asglight.fitting.compiled.layout import Leaves, Probes, Target
 from asglight.fitting.compiled.library import NAME, X86, fingerprint
 from asglight.fitting.grid import Grid
@@ -24,7 +25,7 @@ from asglight.lobes import Form, Lobes
 if TYPE_CHECKING:
     from asglight.fitting import leaves as places
     from asglight.fitting import objective
-    from asglight.fitting import temporal as temporal_term
+    from asglight.fitting.lobe_images import Images
 
 LANE = 8
 """Of steps.h: so many leaves are taken at a time."""
@@ -36,12 +37,14 @@ FUNCTIONS = (
     ("asglight_sizes", 1, 9),
     ("asglight_misfit", 1, 11),
     ("asglight_probe", 1, 3),
-    ("asglight_solve", 2, 8),
-    ("asglight_advance", 1, 10),
-    ("asglight_temporal", 2, 12),
     ("asglight_gram", 3, 3),
+    ("asglight_minimise", 3, 6),
 )
 """Of each, how many arguments are numbers, which come first, and how many are addresses."""
+
+
+REPORT = CFUNCTYPE(c_int)
+"""What C calls after a step; other than 0 ends the steps."""
 
 
 def load() -> ctypes.CDLL | None:
@@ -236,92 +239,55 @@ def weighted_gram(images: Tensor, weight: Tensor) -> Tensor:
     return found
 
 
-def solve(
-    hessian: Tensor,
-    gradient: Tensor,
-    lobes: Lobes,
+def minimise(
+    start: "Images",
+    found: "Images",
     damping: Tensor,
-    still: Tensor | None,
-    sharpness_min: float,
-) -> Tensor:
-    """Return the step of `newton._solve`.
+    steps: int,
+    given: layout.Steps,
+    report: Callable[[], None] | None,
+) -> tuple[Tensor, Tensor]:
+    """Take the steps of `newton.minimise`.
 
     Args:
-        hessian: H.  [F, 8 N, 8 N]
-        gradient: g.  [F, 8 N]
-        lobes: The lobes.  [F, N, .]
-        damping: Of each frame.  [F]
-        still: Which lobes stay as they are.  [F, N]
-        sharpness_min: A lobe's least sharpness.
+        start: The lobes on their leaves.
+        found: Where the lobes are put after all steps, and before each call of `report`.
+        damping: First damping.  [F]
+        steps: Steps tried, taken or not.
+        given: What they have in common.
+        report: Called after each step; takes none itself.
 
     Returns:
-        In float64.  [F, N, 8]
+        J with the temporal terms [F] and the damping of the next step [F].
     """
-    frames, count = lobes.sharpness.shape[:2]
-    found = gradient.new_empty(frames, count, 8)
-    given = _contiguous(hessian, gradient, lobes.sharpness, lobes.amplitude, damping)
-    stays = 0 if still is None else still.contiguous()
-    _call("asglight_solve", frames, count, *given, stays, _floats(sharpness_min), found)
-    return found
+    frames, count = start.scale.shape
+    value, damping = start.scale.new_empty(frames), damping.clone()
+    raised: list[BaseException] = []
+
+    def after_step() -> int:
+        assert report is not None
+        try:
+            report()
+        except BaseException as error:  # C would drop it: it ends its steps instead
+            raised.append(error)
+        return len(raised)
+
+    each = 0 if report is None else REPORT(after_step)
+    lit = layout.lit(start), layout.lit(found)
+    _call("asglight_minimise", frames, count, steps, given, *lit, damping, value, each)
+    if raised:
+        raise raised[0]
+    return value, damping
 
 
-def advance(
-    lobes: Lobes, step: Tensor, bounds: tuple[float, ...], leash: tuple[Tensor, Tensor] | None
-) -> Lobes:
-    """Return the lobes of `coordinates.advance`.
-
-    Args:
-        lobes: The lobes.  [..., N, .]
-        step: In local coordinates.  [..., N, 8]
-        bounds: Of a tilt in widths and in radians, of widths and turn, of sharpness twice.
-        leash: Where lobes were [..., N, 3] and the cosine of how far they may go [..., N].
-    """
-    given = _contiguous(lobes.axes, lobes.sharpness, lobes.amplitude)
-    found = [torch.empty_like(each) for each in given]
-    count = given[1].numel() // 2
-    own = [0, 0]
-    if leash is not None:
-        shapes = given[1].shape[:-1]
-        own = _contiguous(leash[0].expand(*shapes, 3), leash[1].expand(shapes))
-    _call(
-        *("asglight_advance", count, *given, step.double().contiguous(), _floats(*bounds)),
-        *(*own, *found),
-    )
-    axes, sharpness, amplitude = found
-    return Lobes(axes, sharpness, amplitude, lobes.form)
-
-
-def temporal(lobes: Lobes, held: "temporal_term.Prior", corner: float) -> tuple[Tensor, ...]:
-    """Return `temporal.value` [F], and both of `temporal.slopes` [F, 8 N].
-
-    Args:
-        lobes: The lobes.  [F, N, .]
-        held: Where they were.
-        corner: Below it ways count by their square.
-    """
-    frames, count = lobes.sharpness.shape[:2]
-    found = (
-        lobes.axes.new_empty(frames),
-        *lobes.axes.new_empty(2, frames, 8 * count, dtype=torch.float64),
-    )
-    own = (lobes.axes, lobes.sharpness, lobes.amplitude)
-    before = (held.lobes.axes, held.lobes.sharpness, held.lobes.amplitude, held.share, held.scale)
-    then = [each.expand(frames, *each.shape[1:]) for each in before]
-    _call(
-        *("asglight_temporal", frames, count, *_contiguous(*own, *then)),
-        *(_floats(corner), *found),
-    )
-    return found
-
-
-def _call(name: str, *arguments: Tensor | Structure | int) -> None:
-    """Call a function with where tensors and structures begin, and numbers."""
+def _call(name: str, *arguments: Any) -> None:
+    """Call a function with where tensors and structures begin, numbers and functions."""
     given = [
         each.data_ptr()
         if isinstance(each, Tensor)
-        else each
-        if isinstance(each, int)
         else addressof(each)
+        if isinstance(each, Structure)
+        else each
         for each in arguments
     ]
     getattr(LIBRARY, name)(*given)
@@ -329,10 +295,3 @@ def _call(name: str, *arguments: Tensor | Structure | int) -> None:
 
 def _contiguous(*tensors: Tensor) -> list[Tensor]:
     return [each.contiguous() for each in tensors]
-
-
-@lru_cache(maxsize=64)
-@torch.inference_mode(False)
-def _floats(*numbers: float) -> Tensor:
-    """Return numbers where the library can read them."""
-    return torch.tensor(numbers, dtype=torch.float32)

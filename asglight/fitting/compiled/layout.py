@@ -2,20 +2,23 @@
 """Leaves, probes and J laid out as the structures of steps.h."""
 
 from collections.abc import Sequence
-from ctypes import Structure, c_float, c_int64, c_void_p
+from ctypes import Structure, addressof, c_double, c_float, c_int64, c_void_p
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
-from asglight.fitting import splatting
+from asglight.fitting import coordinates, splatting, temporal
+from asglight.fitting.coordinates import Between
+from asglight.fitting.grid import Grid
+from asglight.lobes import Form, asg
 
 if TYPE_CHECKING:
     from asglight.fitting import leaves as places
-    from asglight.fitting import objective
+    from asglight.fitting import lobe_images, newton, objective
 
-SOURCES_MAX = 8
-"""Of steps.h: probes of one grid, at most."""
+SOURCES_MAX, PRIORS_MAX = 8, 2
+"""Of steps.h: probes of one grid and temporal terms of one frame, at most."""
 
 
 def _pointers(*names: str) -> tuple[tuple[str, Any], ...]:
@@ -63,6 +66,43 @@ class Target(Structure):
         *((name, c_float) for name in ("env_corner", "env_weight")),
     )
     held: tuple[Tensor, ...]
+    """What the pointers point to."""
+
+
+class Leash(Structure):
+    """How far lobes may go; all null where they are free."""
+
+    _fields_ = (("was", c_void_p * 2), ("cosine", c_void_p * 2), *_pointers("own"))
+
+
+class Prior(Structure):
+    """A temporal term of frames."""
+
+    _fields_ = _pointers("axes", "sharpness", "amplitude", "share", "scale")
+
+
+class Lit(Structure):
+    """Lobes of frames on their leaves; `lit` makes one."""
+
+    _fields_ = _pointers("axes", "sharpness", "amplitude", "values", "gaussian", "scale")
+    held: tuple[Tensor, ...]
+    """What the pointers point to."""
+
+
+class Steps(Structure):
+    """What the steps of one call have in common; `steps` makes one."""
+
+    _fields_ = (
+        *_pointers("leaves", "target", "probes", "cell_probes", "cell_places", "cell_share"),
+        *_pointers("still"),
+        ("bounds", c_float * 5),
+        ("leash", Leash),
+        ("priors", Prior * PRIORS_MAX),
+        *_numbers("prior_count"),
+        *((f"damping_{name}", c_double) for name in ("up", "down", "min", "max")),
+        *((name, c_float) for name in ("tolerance", "temporal_corner")),
+    )
+    held: tuple[Any, ...]
     """What the pointers point to."""
 
 
@@ -167,3 +207,68 @@ def _frames(*tensors: Tensor) -> list[Tensor]:
 def _next(tensors: Sequence[Tensor]) -> Any:
     """Return how far on the next frame of each tensor begins; one that has one has it for all."""
     return (c_int64 * 5)(*(each.stride(0) if len(each) > 1 else 0 for each in tensors))
+
+
+def steps(
+    given: "newton.Setting",
+    cells: Grid,
+    probes: tuple[Probes, Probes],
+    damping: tuple[float, float, float, float],
+    counts: tuple[int, int],
+) -> Steps:
+    """Lay out what the steps of one call have in common.
+
+    Args:
+        given: The same for newton.py.
+        cells: The grid on which the matrix is summed.
+        probes: On the leaves' grid and on that one.
+        damping: Its factors after a step that failed and one that did not, its least and largest.
+        counts: F and N.
+    """
+    frame, held = given.frame, []
+
+    def laid(tensor: Tensor, *shape: int) -> int:
+        held.append(tensor.expand(*counts, *shape).contiguous())
+        return held[-1].data_ptr()
+
+    found = Steps(prior_count=len(given.priors), temporal_corner=temporal.CORNER)
+    own = frame.places.compiled, frame.compiled
+    found.leaves, found.target = map(addressof, own)
+    found.probes, found.cell_probes = map(addressof, probes)
+    found.cell_places, found.cell_share = cells.monomials[1:4].data_ptr(), cells.share.data_ptr()
+    found.bounds = _bounds(given.width_min)
+    if given.still is not None:
+        found.still = laid(given.still)
+    leash = given.leash
+    if isinstance(leash, Between):
+        leashes, found.leash.own = [leash.before, leash.after], laid(leash.own, 3)
+    else:
+        leashes = [] if leash is None else [leash]
+    for index, each in enumerate(leashes):
+        found.leash.was[index], found.leash.cosine[index] = laid(each.axis_z, 3), laid(each.cosine)
+    for prior, each in zip(found.priors, given.priors, strict=False):
+        lobes = each.lobes
+        prior.axes, prior.sharpness = laid(lobes.axes, 3, 3), laid(lobes.sharpness, 2)
+        prior.amplitude = laid(lobes.amplitude, 3)
+        prior.share, prior.scale = laid(each.share), laid(each.scale, 8)
+    found.damping_up, found.damping_down, found.damping_min, found.damping_max = damping
+    found.tolerance = given.tolerance
+    found.held = (*held, *own, *probes, cells)
+    return found
+
+
+def _bounds(width_min: float) -> Any:
+    """Return the bounds of `asglight_advance`; lobes are no narrower than a sigma, radians."""
+    widest, narrowest = asg.SHARPNESS_MIN, coordinates.sharpness_max(Form.ASG, width_min)
+    of_step = coordinates.TILT_MAX_WIDTHS, coordinates.TILT_MAX, coordinates.SHAPE_MAX
+    return (c_float * 5)(*of_step, widest, narrowest)
+
+
+def lit(shown: "lobe_images.Images") -> Lit:
+    """Lay out lobes on their leaves."""
+    lobes = shown.lobes
+    own = (lobes.axes, lobes.sharpness, lobes.amplitude, shown.values, shown.gaussian, shown.scale)
+    own = tuple(each.contiguous() for each in own)
+    found = Lit(*(each.data_ptr() for each in own))
+    found.held = own
+    return found

@@ -13,7 +13,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-SOURCES = ("product.c", "lobes.c", "probes.c", "objective.c", "equations.c", "steps.c")
+SOURCES = (
+    *("product.c", "lobes.c", "probes.c", "objective.c", "equations.c", "steps.c"),
+    "minimise.c",
+)
 
 NAME = "steps.so"
 

@@ -133,6 +133,41 @@ static inline Target target_of(const Target *all, int64_t frame) {
     return own;
 }
 
+/* coordinates.Leash: where lobes were [N][3] and the cosine of how far they may go [N]; two of them
+ * and where they are [N][3] for coordinates.Between, null for none. */
+typedef struct {
+    const float *was[2], *cosine[2], *own;
+} Leash;
+
+/* temporal.Prior of frames: lobes [F][N], share [F][N], scale [F][N][8]. */
+typedef struct {
+    const float *axes, *sharpness, *amplitude, *share, *scale;
+} Prior;
+
+/* Lobes of frames on their leaves (asglight/fitting/lobe_images.py): axes [F][N][3][3], sharpness
+ * [F][N][2], amplitude [F][N][3]; values and gaussian [F][N][P], scale [F][N]. */
+typedef struct {
+    float *axes, *sharpness, *amplitude, *values, *gaussian, *scale;
+} Lit;
+
+#define PRIORS_MAX 2
+
+/* What the steps of one call have in common (newton.Setting): the matrix is summed on `cell_...`,
+ * a coarser grid. */
+typedef struct {
+    const Leaves *leaves;
+    const Target *target;
+    const Probes *probes, *cell_probes;
+    const float *cell_places, *cell_share;
+    const uint8_t *still; /* [F][N], or null */
+    float bounds[5];      /* of asglight_advance */
+    Leash leash;
+    Prior priors[PRIORS_MAX];
+    int64_t prior_count;
+    double damping_up, damping_down, damping_min, damping_max;
+    float tolerance, temporal_corner;
+} Steps;
+
 /* product.c */
 void product(int m, int n, int k, const float *a, long row, long column, const float *b, long ldb,
              float *c, long ldc, int add);
@@ -145,6 +180,7 @@ enum {
     LAID, SEEN,                                   /* images and views, a lane a channel */
     GRAMS, COLUMN_IMAGES, RINGS_OF_COLUMNS,       /* equations.c */
     SYSTEM,                                       /* steps.c */
+    STATES, EQUATIONS,                            /* minimise.c */
     ARENAS
 };
 
@@ -153,6 +189,43 @@ Seen seen_by(const float *axes, const float *sharpness, int64_t rows);
 int is_narrow(const float *sharpness);
 float scale_of(const float *sharpness, double mean);
 void scale_slopes(const float *sharpness, float scale, const double change[5], float slopes[5]);
+
+API void asglight_images(int64_t frames, int64_t lobes, const float *axes, const float *sharpness,
+                         const Leaves *leaves, float *values, float *gaussian, float *scale);
+API void asglight_slopes(int64_t frames, int64_t lobes, const float *axes, const float *sharpness,
+                         const float *amplitude, const float *scale, const Leaves *leaves,
+                         const float *slope, float *of_scale, double *found);
+
+/* objective.c */
+API void asglight_sizes(int64_t frames, const Leaves *leaves, const Target *target,
+                        const Probes *probes, const float *radiance, float *value, float *parts,
+                        float *texels, float *views, float *seen);
+API void asglight_misfit(int64_t frames, const Leaves *leaves, const Target *target,
+                         const Probes *probes, const float *radiance, const float *parts,
+                         const float *texels, const float *views, const float *seen, float *slope,
+                         float *env_weight, float *view_weight);
+
+/* equations.c */
+API void asglight_matrix(int64_t frames, int64_t lobes, const float *axes, const float *sharpness,
+                         const float *amplitude, const float *scale, const float *of_scale,
+                         const Leaves *leaves, const Probes *probes, const float *cell_places,
+                         const float *cell_share, const float *env_weight,
+                         const float *view_weight, double *hessian);
+
+/* steps.c */
+API void asglight_solve(int64_t frames, int64_t lobes, const double *hessian,
+                        const double *gradient, const float *sharpness, const float *amplitude,
+                        const double *damping, const uint8_t *still, const float *least,
+                        double *step);
+API void asglight_advance(int64_t lobes, const float *axes, const float *sharpness,
+                          const float *amplitude, const double *step, const float *bounds,
+                          const Leash *leash, float *new_axes, float *new_sharpness,
+                          float *new_amplitude);
+API void asglight_temporal(int64_t frames, int64_t lobes, const float *axes,
+                           const float *sharpness, const float *amplitude,
+                           const float *before_axes, const float *before_sharpness,
+                           const float *before_amplitude, const float *share, const float *scale,
+                           const float *corner, float *value, double *curvature, double *slope);
 
 /* probes.c */
 long rings_size(const Probes *probes, int lanes);

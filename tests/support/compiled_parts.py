@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parts of a compiled step, which nothing but minimise.c calls, called with tensors."""
+
+from ctypes import addressof, c_float, c_int64, c_void_p
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from asglight.fitting import compiled, coordinates, temporal
+from asglight.fitting.compiled import layout
+from asglight.fitting.coordinates import Between, Leash
+from asglight.lobes import Lobes, asg
+
+
+def solve(
+    hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor, still: Tensor | None
+) -> Tensor:
+    """Return `newton._solve`."""
+    found = torch.empty(*lobes.sharpness.shape[:2], 8, dtype=torch.float64)
+    given = hessian.contiguous(), gradient, lobes.sharpness, lobes.amplitude, damping, still
+    least = c_float(asg.SHARPNESS_MIN)
+    _call("asglight_solve", *lobes.sharpness.shape[:2], *given, least, found)
+    return found
+
+
+def advance(lobes: Lobes, step: Tensor, width_min: float, leash: Leash | Between | None) -> Lobes:
+    """Return `coordinates.advance`."""
+    found = [torch.empty_like(each) for each in (lobes.axes, lobes.sharpness, lobes.amplitude)]
+    held = layout.Leash()
+    parts = [leash] if isinstance(leash, Leash) else [leash.before, leash.after] if leash else []
+    kept = [(each.axis_z.contiguous(), each.cosine.contiguous()) for each in parts]
+    for index, (axis_z, cosine) in enumerate(kept):
+        held.was[index], held.cosine[index] = axis_z.data_ptr(), cosine.data_ptr()
+    own = leash.own.contiguous() if isinstance(leash, Between) else None
+    held.own = None if own is None else own.data_ptr()
+    limit = coordinates.sharpness_max(lobes.form, width_min)
+    of_step = coordinates.TILT_MAX_WIDTHS, coordinates.TILT_MAX, coordinates.SHAPE_MAX
+    bounds = (c_float * 5)(*of_step, asg.SHARPNESS_MIN, limit)
+    given = lobes.axes, lobes.sharpness, lobes.amplitude, step.contiguous(), bounds, held
+    _call("asglight_advance", lobes.sharpness.numel() // 2, *given, *found)
+    return Lobes(*found, lobes.form)
+
+
+def term(lobes: Lobes, held: temporal.Prior) -> tuple[Tensor, Tensor, Tensor]:
+    """Return `temporal.value` and both of `temporal.slopes`."""
+    frames, count = lobes.sharpness.shape[:2]
+    slopes = torch.empty(2, frames, 8 * count, dtype=torch.float64)
+    value, before = torch.empty(frames), held.lobes
+    given = lobes.axes, lobes.sharpness, lobes.amplitude
+    then = before.axes, before.sharpness, before.amplitude, held.share, held.scale
+    corner = c_float(temporal.CORNER)
+    _call("asglight_temporal", frames, count, *given, *then, corner, value, *slopes)
+    return value, slopes[0], slopes[1]
+
+
+def _call(name: str, *given: Any) -> None:
+    arguments = [
+        c_int64(each)
+        if isinstance(each, int)
+        else c_void_p(each.data_ptr() if isinstance(each, Tensor) else each and addressof(each))
+        for each in given
+    ]
+    function = getattr(compiled.LIBRARY, name)
+    function.restype = None
+    function(*arguments)
