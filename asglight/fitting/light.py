@@ -11,7 +11,7 @@ from torch import Tensor
 from asglight.fitting import compiled, leaves, newton, objective
 from asglight.fitting.lobe_images import Images
 from asglight.fitting.objective import Corners
-from asglight.fitting.probes import probe
+from asglight.fitting.probes import probe, tables
 
 CORNERS = Corners(0.1, 0.002)
 """phi's corners of a fit's last solution: what it can mend of what balls show."""
@@ -55,10 +55,9 @@ def relight(shown: Images, frame: objective.Target, still: Tensor | None = None)
     """
     amplitude = shown.lobes.amplitude
     near = amplitude.double()
-    values, gram, misfit = _normal_equations(shown, frame)
-    # the minimum lies where the slope at the amplitudes so far is undone
-    right = gram @ near - values.double() @ misfit.slope.mT.double()
-    free = torch.ones_like(values[..., 0], dtype=torch.bool) if still is None else ~still
+    gram, slope = _normal_equations(shown, frame)
+    right = gram @ near - slope  # the minimum lies where the slope at the amplitudes is undone
+    free = torch.ones_like(shown.scale, dtype=torch.bool) if still is None else ~still
     solved = [_solved(*one) for one in zip(gram, right, near, free, strict=True)]
     lobes = replace(shown.lobes, amplitude=torch.stack(solved).to(amplitude))
     return replace(shown, lobes=lobes)
@@ -74,7 +73,7 @@ def absences(shown: Images, frame: objective.Target) -> Tensor:
     Returns:
         a_i^2 / (2 (G^-1)_ii), channels summed [Hassibi and Stork 1993].  [F, N]
     """
-    _, gram, _ = _normal_equations(shown, frame)
+    gram, _ = _normal_equations(shown, frame)
     scale = torch.diagonal(gram, dim1=-2, dim2=-1).clamp(min=1e-300).rsqrt()
     scaled = gram * scale[..., :, None] * scale[..., None, :]
     ridged = scaled + RIDGE * torch.eye(scaled.shape[-1]).to(scaled)
@@ -82,15 +81,25 @@ def absences(shown: Images, frame: objective.Target) -> Tensor:
     return 0.5 * shown.lobes.amplitude.double().square().sum(-1) / alone
 
 
-def _normal_equations(
-    shown: Images, frame: objective.Target
-) -> tuple[Tensor, Tensor, objective.Misfit]:
-    """Return the images of the lobes at unit light [F, N, P], their Gram matrix and J's misfit."""
+def _normal_equations(shown: Images, frame: objective.Target) -> tuple[Tensor, Tensor]:
+    """Return the Gauss-Newton matrix of the light of any channel, and J's slope, in float64.
+
+    Args:
+        shown: The lobes on the leaves.
+        frame: The maps and their weights.
+
+    Returns:
+        A W A^T [F, N, N], A the images of lobes of unit light and what materials show of them, and
+        dJ / d amplitude [F, N, 3].
+    """
+    if compiled.serves(shown.lobes, frame.places):
+        laid = frame.places.compiled, frame.compiled, tables(frame.places.rows)
+        return compiled.light(shown, *laid)
     values = shown.values * shown.scale[..., None]
     views = probe(leaves.to_cells(values, frame.places), frame.places.rows)
     misfit = objective.misfit(shown.lobes.amplitude.mT @ values, frame)
     gram = _weighted_gram(values, misfit.env_weight) + _weighted_gram(views, misfit.view_weight)
-    return values, gram, misfit
+    return gram, values.double() @ misfit.slope.mT.double()
 
 
 def _weighted_gram(images: Tensor, weight: Tensor) -> Tensor:
@@ -100,8 +109,6 @@ def _weighted_gram(images: Tensor, weight: Tensor) -> Tensor:
         images: A.  [F, N, P]
         weight: The diagonal of W.  [F, P]
     """
-    if compiled.runs_on(images):
-        return compiled.weighted_gram(images, weight)
     rooted = (images * weight.sqrt()[:, None]).double()
     return rooted @ rooted.mT
 
@@ -135,15 +142,23 @@ def _non_negative(gram: Tensor, right: Tensor, near: Tensor) -> Tensor:
         right: b.  [N, 3]
         near: The amplitudes so far.  [N, 3]
     """
-    scale = torch.diagonal(gram).clamp(min=1e-300).rsqrt()  # to unit diagonal
-    scaled = gram * scale[:, None] * scale[None, :]
+    matrix, wanted, before = (each.cpu().numpy() for each in (gram, right, near))
+    scale = 1 / np.sqrt(matrix.diagonal().clip(min=1e-300))  # to unit diagonal
+    scaled = matrix * scale[:, None] * scale
     ridge = RIDGE
-    factor, failed = torch.linalg.cholesky_ex(scaled + ridge * torch.eye(len(scale)).to(scaled))
-    while int(failed) and ridge < 1:
+    while (factor := _factored(scaled, ridge)) is None and ridge < 1:
         ridge *= 10
-        factor, failed = torch.linalg.cholesky_ex(scaled + ridge * torch.eye(len(scale)).to(scaled))
-    pulled = right * scale[:, None] + ridge * near / scale[:, None]
-    target = torch.linalg.solve_triangular(factor, pulled, upper=False)
-    matrix, columns = factor.mT.cpu().numpy(), target.cpu().numpy()
-    solved = [scipy.optimize.nnls(matrix, columns[:, channel])[0] for channel in range(3)]
-    return torch.from_numpy(np.stack(solved, axis=-1)).to(gram) * scale[:, None]
+    if factor is None:
+        return near.clone()
+    pulled = wanted * scale[:, None] + ridge * before / scale[:, None]
+    target = scipy.linalg.solve_triangular(factor, pulled, lower=True)
+    solved = [scipy.optimize.nnls(factor.T, column)[0] for column in target.T]
+    return torch.from_numpy(np.stack(solved, axis=-1) * scale[:, None]).to(gram)
+
+
+def _factored(matrix: np.ndarray, ridge: float) -> np.ndarray | None:
+    """Return the Cholesky factor of a matrix and a ridge; None where that is not definite."""
+    try:
+        return np.linalg.cholesky(matrix + ridge * np.eye(len(matrix)))
+    except np.linalg.LinAlgError:
+        return None

@@ -86,8 +86,8 @@ LEAVES = {
 }
 """Rows of the map, rows of cells and refined cells."""
 
-COUNTS = [1, 3, 8, 15, 17]
-"""Lobes, below and above what fills a vector."""
+COUNTS = [1, 4, 5, 8, 15, 17]
+"""Lobes, below and above what fills half a vector, one and two."""
 
 
 def _case(name: str, count: int, frames: int = 2) -> tuple[Lobes, objective.Target]:
@@ -186,7 +186,7 @@ def test_the_solved_step_is_that_of_torch(count: int, some_stay: bool) -> None:
     found = compiled_parts.solve(hessian, gradient, lobes, damping, still)
     # both in float64; what differs is the order of a hundred thousand products
     torch.testing.assert_close(found, expected, rtol=1e-8, atol=1e-10)
-    assert bool((found[0, 0, 5:] >= 0).all())
+    assert bool((found[0, 0, 5:][gradient[0, 5:8] > 0] == 0).all())
 
 
 @pytest.mark.parametrize("solve", [compiled_parts.solve, newton._solve])
@@ -355,13 +355,26 @@ def test_probes_show_what_they_do_in_torch(
     _check_near(probes.probe(images, rows), in_torch(probes.probe, images, rows), 1e-5)
 
 
-def test_gram_matrices_are_those_of_torch() -> None:
-    images, weight = noise(16, 5)[:, 0].reshape(1, 5, -1), noise(16)[:, 1]
-    exact = (images.double() * weight.double()[:, None]) @ images.double().mT
-    _check_near(light._weighted_gram(images, weight), exact, 1e-12)
-    both = images[:, [0, 1, 1, 2]]
-    found = light._weighted_gram(both, weight)
-    assert torch.equal(found[0, 1], found[0, 2])  # lobes that coincide
+@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize("name", LEAVES)
+def test_what_is_asked_of_the_light_is_that_of_torch(
+    name: str, count: int, in_torch: Callable[..., Any]
+) -> None:
+    lobes, frame = _case(name, count)
+    found = light._normal_equations(lobe_images.images(lobes, frame.places), frame)
+    shown = in_torch(lobe_images.images, lobes, frame.places)
+    for one, other in zip(found, in_torch(light._normal_equations, shown, frame), strict=True):
+        assert one.dtype == DOUBLE
+        _check_near(one, other, 1e-5)  # of images in float32
+
+
+def test_lobes_that_coincide_have_equal_rows() -> None:
+    lobes, frame = _case("cells and texels", 5)
+    both = lobes.select(torch.tensor([0, 3, 1, 3]))
+    gram, slope = light._normal_equations(lobe_images.images(both, frame.places), frame)
+    assert torch.equal(gram[:, 1], gram[:, 3])
+    assert torch.equal(gram[:, :, 1], gram[:, :, 3])
+    assert torch.equal(slope[:, 1], slope[:, 3])
 
 
 @pytest.mark.parametrize(

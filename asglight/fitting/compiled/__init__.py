@@ -37,7 +37,7 @@ FUNCTIONS = (
     ("asglight_sizes", 1, 9),
     ("asglight_misfit", 1, 11),
     ("asglight_probe", 1, 3),
-    ("asglight_gram", 3, 3),
+    ("asglight_light", 2, 8),
     ("asglight_minimise", 3, 6),
 )
 """Of each, how many arguments are numbers, which come first, and how many are addresses."""
@@ -231,12 +231,21 @@ def probe(images: Tensor, probes: Probes) -> Tensor:
     return views
 
 
-def weighted_gram(images: Tensor, weight: Tensor) -> Tensor:
-    """Return `light._weighted_gram` of images [F, N, P] and weights [F, P]."""
-    frames, count, leaf_count = images.shape
-    found = images.new_empty(frames, count, count, dtype=torch.float64)
-    _call("asglight_gram", frames, count, leaf_count, *_contiguous(images, weight), found)
-    return found
+def light(shown: "Images", places: Leaves, frame: Target, probes: Probes) -> tuple[Tensor, Tensor]:
+    """Return `light._normal_equations`: [F, N, N] and [F, N, 3], in float64.
+
+    Args:
+        shown: The lobes on the leaves.
+        places: The leaves.
+        frame: The maps.
+        probes: On the leaves' grid.
+    """
+    frames, count = shown.scale.shape
+    gram = shown.scale.new_empty(frames, count, count, dtype=torch.float64)
+    slope = shown.scale.new_empty(frames, count, 3, dtype=torch.float64)
+    given = _contiguous(shown.lobes.amplitude, shown.values, shown.scale)
+    _call("asglight_light", frames, count, places, frame, probes, *given, gram, slope)
+    return gram, slope
 
 
 def minimise(

@@ -11,17 +11,36 @@
 
 enum { COLUMNS = 6, UNKNOWNS = 8, BLOCK = 64 };
 
-/* All lobes as leaves of one size see them, a lane a lobe. */
+#define HALF (LANE / 2)
+
+typedef float half __attribute__((vector_size(4 * HALF), aligned(4), may_alias));
+
+static inline half load_half(const float *from) { return *(const half *)from; }
+static inline void store_half(float *to, half value) { *(half *)to = value; }
+static inline vec twice(float x, float y) { return (vec){x, x, x, x, y, y, y, y}; }
+static inline half low(vec v) { return (half){v[0], v[1], v[2], v[3]}; }
+static inline half high(vec v) { return (half){v[4], v[5], v[6], v[7]}; }
+
+/* All lobes as leaves of one size see them, a lane a lobe; a HALF of them is there twice. */
 typedef struct {
     float axes[3][3][LANE], xx[LANE], xy[LANE], yy[LANE], log_peak[LANE];
     float side_x[LANE], side_y[LANE], speed[3][LANE], log_peak_slope[3][LANE];
 } SeenLanes;
 
-static void gather(int64_t lobes, const float *axes, const float *sharpness, int64_t rows,
-                   SeenLanes *found) {
-    for (int64_t lobe = 0; lobe < lobes; lobe++) {
-        SeenLanes *to = found + lobe / LANE;
-        int l = lobe % LANE;
+/* Lanes for so many lobes. Trials are of three or four: these fill half a vector, which then takes
+ * two places at a time. */
+static int width_for(int64_t lobes) {
+    return lobes <= HALF ? HALF : (lobes + LANE - 1) / LANE * LANE;
+}
+
+static void gather(int64_t lobes, int width, const float *axes, const float *sharpness,
+                   int64_t rows, SeenLanes *found) {
+    int copies = width == HALF ? 2 : 1;
+    for (int64_t lane = 0; lane < copies * width; lane++) {
+        int64_t lobe = lane % width;
+        if (lobe >= lobes) continue;
+        SeenLanes *to = found + lane / LANE;
+        int l = lane % LANE;
         Seen one = seen_by(axes + 9 * lobe, sharpness + 2 * lobe, rows);
         for (int i = 0; i < 9; i++) to->axes[i / 3][i % 3][l] = one.axes[i / 3][i % 3];
         to->xx[l] = one.xx, to->xy[l] = one.xy, to->yy[l] = one.yy;
@@ -33,9 +52,8 @@ static void gather(int64_t lobes, const float *axes, const float *sharpness, int
     }
 }
 
-/* lobe_images.columns at one place, of LANE lobes: six vectors, `width` floats apart. */
-static inline void columns_at(const SeenLanes *seen, float x, float y, float z, int width,
-                              float *to) {
+/* lobe_images.columns of LANE lobes, each at a place of its own. */
+static inline void columns_at(const SeenLanes *seen, vec x, vec y, vec z, vec found[COLUMNS]) {
     vec at[3];
     for (int k = 0; k < 3; k++)
         at[k] = load(seen->axes[k][0]) * x + load(seen->axes[k][1]) * y + load(seen->axes[k][2]) * z;
@@ -45,27 +63,53 @@ static inline void columns_at(const SeenLanes *seen, float x, float y, float z, 
     power = choose(power > -30.0f, power, splat(-30.0f)); /* as in lobes.c */
     vec gaussian = choose(at[2] > 0.0f, exp_vec(power), splat(0.0f)), value = at[2] * gaussian;
     vec side_x = along_x * load(seen->side_x), side_y = along_y * load(seen->side_y);
-    vec twice = 2.0f * at[2] * at[2];
+    vec bend = 2.0f * at[2] * at[2];
     vec shape[3] = {side_x * side_x, side_y * side_y, side_x * side_y};
-    store(to, value);
-    store(to + width, gaussian * (along_x * twice + at[0]));
-    store(to + 2 * width, gaussian * (along_y * twice + at[1]));
+    found[0] = value;
+    found[1] = gaussian * (along_x * bend + at[0]);
+    found[2] = gaussian * (along_y * bend + at[1]);
     for (int k = 0; k < 3; k++)
-        store(to + (3 + k) * width,
-              value * (shape[k] * load(seen->speed[k]) + load(seen->log_peak_slope[k])));
+        found[3 + k] = value * (shape[k] * load(seen->speed[k]) + load(seen->log_peak_slope[k]));
+}
+
+/* The columns of all lobes at places [3][count], [place][6][width]. */
+static void draw(int64_t lobes, const float *axes, const float *sharpness, int64_t rows, int width,
+                 const float *places, int64_t count, SeenLanes *seen, float *columns) {
+    const float *x = places, *y = x + count, *z = y + count;
+    vec found[COLUMNS];
+    memset(seen, 0, (width + LANE - 1) / LANE * sizeof(SeenLanes));
+    gather(lobes, width, axes, sharpness, rows, seen);
+    if (width == HALF)
+        for (int64_t p = 0; p < count; p += 2) { /* a multiple of LANE (compiled.looks) */
+            float *own = columns + p * COLUMNS * width, *next = own + COLUMNS * width;
+            columns_at(seen, twice(x[p], x[p + 1]), twice(y[p], y[p + 1]), twice(z[p], z[p + 1]),
+                       found);
+            for (int k = 0; k < COLUMNS; k++) {
+                store_half(own + k * width, low(found[k]));
+                store_half(next + k * width, high(found[k]));
+            }
+        }
+    else
+        for (int64_t p = 0; p < count; p++)
+            for (int l = 0; l < width; l += LANE) {
+                columns_at(seen + l / LANE, splat(x[p]), splat(y[p]), splat(z[p]), found);
+                for (int k = 0; k < COLUMNS; k++)
+                    store(columns + (p * COLUMNS + k) * width + l, found[k]);
+            }
 }
 
 /* Multiply columns by a scale that depends on the lobe: lobe_images._scaled. */
 static void rescale(int width, int64_t count, const float *scale, const float *of_scale,
                     float *columns) {
     for (int64_t p = 0; p < count; p++)
-        for (int l = 0; l < width; l += LANE) {
+        for (int l = 0; l < width; l += HALF) {
             float *own = columns + p * COLUMNS * width + l;
-            vec value = load(own), factor = load(scale + l);
-            store(own, value * factor);
+            half value = load_half(own), factor = load_half(scale + l);
+            store_half(own, value * factor);
             for (int k = 1; k < COLUMNS; k++) {
-                vec slope = load(of_scale + (k - 1) * width + l);
-                store(own + k * width, (load(own + k * width) + slope * value) * factor);
+                half slope = load_half(of_scale + (k - 1) * width + l);
+                half scaled = (load_half(own + k * width) + slope * value) * factor;
+                store_half(own + k * width, scaled);
             }
         }
 }
@@ -81,17 +125,6 @@ static void weighted_gram(int64_t count, int wide, const float *weight, const fl
                 store(weighted + p * wide + l, load(block + p * wide + l) * weight[first + p]);
         gram_add(own, wide, weighted, block, gram);
     }
-}
-
-static void draw(int64_t lobes, const float *axes, const float *sharpness, int64_t rows, int width,
-                 const float *places, int64_t count, SeenLanes *seen,
-                 float *columns) {
-    memset(seen, 0, width / LANE * sizeof(SeenLanes));
-    gather(lobes, axes, sharpness, rows, seen);
-    for (int64_t p = 0; p < count; p++)
-        for (int l = 0; l < width; l += LANE)
-            columns_at(seen + l / LANE, places[p], places[count + p], places[2 * count + p],
-                       width, columns + p * COLUMNS * width + l);
 }
 
 /* lobe_images.grid_columns: columns over all cells of a grid, at the scale of the lobes there. */
@@ -155,11 +188,11 @@ static void matrix(int64_t lobes, const float *axes, const float *sharpness,
                    const Leaves *leaves, const Probes *probes, const float *cell_places,
                    const float *cell_share, const float *env_weight, const float *view_weight,
                    double *hessian) {
-    int width = (lobes + LANE - 1) / LANE * LANE, wide = COLUMNS * width;
+    int width = width_for(lobes), wide = COLUMNS * width;
     int64_t rows = probes->rows, cells = 2 * rows * rows;
     int64_t fine = cells_of(leaves), texels = texels_of(leaves);
     int64_t most = cells > texels ? cells : texels;
-    long seen_size = width / LANE * sizeof(SeenLanes) / sizeof(float);
+    long seen_size = (width + LANE - 1) / LANE * sizeof(SeenLanes) / sizeof(float);
     long gram_size = (long)wide * wide, block_size = (long)BLOCK * wide;
     float *gram = scratch(GRAMS, gram_size + block_size + 2L * wide + cells + seen_size);
     float *weighted = gram + gram_size, *scales = weighted + block_size;

@@ -15,7 +15,7 @@ from pathlib import Path
 
 SOURCES = (
     *("product.c", "lobes.c", "probes.c", "objective.c", "equations.c", "steps.c"),
-    "minimise.c",
+    *("light.c", "minimise.c"),
 )
 
 NAME = "steps.so"

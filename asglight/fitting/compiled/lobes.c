@@ -135,6 +135,19 @@ API void asglight_images(int64_t frames, int64_t lobes, const float *axes, const
     }
 }
 
+/* Images.radiance of one frame: what all lobes send together, [3][P]. */
+void add_up(int64_t lobes, int64_t leaf_count, const float *amplitude, const float *values,
+            const float *scale, float *radiance) {
+    for (int64_t p = 0; p < leaf_count; p += LANE) {
+        vec total[3] = {splat(0.0f), splat(0.0f), splat(0.0f)};
+        for (int64_t i = 0; i < lobes; i++) {
+            vec own = load(values + i * leaf_count + p);
+            for (int c = 0; c < 3; c++) total[c] += own * (amplitude[3 * i + c] * scale[i]);
+        }
+        for (int c = 0; c < 3; c++) store(radiance + c * leaf_count + p, total[c]);
+    }
+}
+
 static void slopes(int64_t lobes, const float *axes, const float *sharpness,
                    const float *amplitude, const float *scale, const Leaves *leaves,
                    const float *slope, float *of_scale, double *found) {

@@ -69,19 +69,6 @@ static void copy_lit(const State *from, const State *to, Counts counts) {
     memcpy(to->gaussian, from->gaussian, images_size(counts) * sizeof(float));
 }
 
-/* Images.radiance: what all lobes send together, [3][P]. */
-static void add_up(const State *state, Counts counts) {
-    for (int64_t p = 0; p < counts.leaves; p += LANE) {
-        vec total[3] = {splat(0.0f), splat(0.0f), splat(0.0f)};
-        for (int64_t i = 0; i < counts.lobes; i++) {
-            vec own = load(state->values + i * counts.leaves + p);
-            for (int c = 0; c < 3; c++)
-                total[c] += own * (state->amplitude[3 * i + c] * state->scale[i]);
-        }
-        for (int c = 0; c < 3; c++) store(state->radiance + c * counts.leaves + p, total[c]);
-    }
-}
-
 /* The temporal term of a frame towards one neighbour; curvature and slope in `work`. */
 static float temporal_term(const State *state, const Prior *prior, float corner, int64_t lobes,
                            int64_t frame, Work work) {
@@ -98,7 +85,8 @@ static float temporal_term(const State *state, const Prior *prior, float corner,
 /* newton._judged, of lobes whose images are known. */
 static void judge(State *state, const Frame *own, const Steps *given, Counts counts, int64_t frame,
                   Work work) {
-    add_up(state, counts);
+    add_up(counts.lobes, counts.leaves, state->amplitude, state->values, state->scale,
+           state->radiance);
     asglight_sizes(1, &own->leaves, &own->target, given->probes, state->radiance, &state->value,
                    state->parts, state->texels, state->views, state->seen);
     for (int64_t k = 0; k < given->prior_count; k++)

@@ -11,33 +11,52 @@ static vec root(vec x) {
 
 enum { AROUND = 25 }; /* cells that a texel's light reaches (splatting.py) */
 
-/* leaves.to_cells of images [3][P], into [C][LANE]. */
-static void to_cells(const Leaves *leaves, const float *images, float *cells) {
-    int64_t count = cells_of(leaves), leaf_count = count + texels_of(leaves);
+/* leaves.to_cells of `count` images [count][P], each times a scale, into [C] places `next` floats
+ * apart; lanes beyond `count` become 0. */
+static inline __attribute__((always_inline)) void to_cells(const Leaves *leaves, const int count,
+                                                           const float *scale, const float *images,
+                                                           float *cells, const long next) {
+    int64_t cell_count = cells_of(leaves), leaf_count = cell_count + texels_of(leaves);
     int64_t inside = texels_per_cell(leaves);
-    for (int64_t p = 0; p < count; p++) {
+    for (int64_t p = 0; p < cell_count; p++) {
         vec all = splat(0.0f);
-        for (int c = 0; c < 3; c++) all[c] = images[c * leaf_count + p];
-        store(cells + LANE * p, all);
+        for (int c = 0; c < count; c++) all[c] = images[c * leaf_count + p];
+        store(cells + next * p, all * load(scale));
     }
-    if (leaf_count == count) return;
+    if (leaf_count == cell_count) return;
     for (int64_t r = 0; r < leaves->refined_count; r++)
-        store(cells + LANE * leaves->refined[r], splat(0.0f));
+        store(cells + next * leaves->refined[r], splat(0.0f));
     for (int64_t r = 0; r < leaves->refined_count; r++) {
         vec brought[AROUND];
         for (int k = 0; k < AROUND; k++) brought[k] = splat(0.0f);
         for (int64_t t = 0; t < inside; t++) {
             int64_t texel = r * inside + t;
-            vec flux = splat(0.0f);
-            for (int c = 0; c < 3; c++)
-                flux[c] = images[c * leaf_count + count + texel] * leaves->texel_share[texel];
+            vec all = splat(0.0f);
+            for (int c = 0; c < count; c++) all[c] = images[c * leaf_count + cell_count + texel];
+            vec flux = all * load(scale) * leaves->texel_share[texel];
             for (int k = 0; k < AROUND; k++) brought[k] += flux * leaves->splatting[t * AROUND + k];
         }
         for (int k = 0; k < AROUND; k++) {
             int64_t cell = leaves->around[r * AROUND + k];
-            float *to = cells + LANE * cell;
+            float *to = cells + next * cell;
             store(to, load(to) + brought[k] / leaves->grid_share[cell]);
         }
+    }
+}
+
+static const float ONES[LANE] = {1, 1, 1, 1, 1, 1, 1, 1};
+
+void lobes_to_cells(const Leaves *leaves, int64_t lobes, const float *scale, const float *images,
+                    float *cells, int lanes) {
+    int64_t leaf_count = cells_of(leaves) + texels_of(leaves);
+    for (int first = 0; first < lobes; first += LANE) {
+        int count = lobes - first < LANE ? lobes - first : LANE;
+        float own[LANE] = {0};
+        for (int l = 0; l < count; l++) own[l] = scale[first + l];
+        if (count == LANE)
+            to_cells(leaves, LANE, own, images + first * leaf_count, cells + first, lanes);
+        else
+            to_cells(leaves, count, own, images + first * leaf_count, cells + first, lanes);
     }
 }
 
@@ -104,7 +123,7 @@ static void sizes(const Leaves *leaves, const Target *target, const Probes *prob
         total += size * load(leaves->texel_share + q);
     }
     error += sum(total);
-    to_cells(leaves, residual, cells);
+    to_cells(leaves, 3, ONES, residual, cells, LANE);
     float *shown = scratch(SEEN, LANE * probes->views);
     probe_lanes(probes, LANE, cells, shown);
     double wrong = 0;

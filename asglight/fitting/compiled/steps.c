@@ -216,38 +216,3 @@ API void asglight_temporal(int64_t frames, int64_t lobes, const float *axes,
         value[f] = total;
     }
 }
-
-/* light._weighted_gram of one frame: images [N][P], weight [P]; gram [N][N]. */
-static void weighted_gram(int64_t lobes, int64_t leaf_count, const float *images,
-                          const float *weight, double *gram) {
-    enum { BLOCK = 256 };
-    double *rooted = (double *)scratch(SYSTEM, 2 * (lobes + 1) * BLOCK), *root = rooted + lobes * BLOCK;
-    for (int64_t first = 0; first < leaf_count; first += BLOCK) {
-        int64_t count = leaf_count - first < BLOCK ? leaf_count - first : BLOCK;
-        memset(root, 0, BLOCK * sizeof(double));
-        for (int64_t p = 0; p < count; p++) root[p] = sqrt(weight[first + p]);
-        for (int64_t i = 0; i < lobes; i++) {
-            const float *own = images + i * leaf_count + first;
-            double *one = rooted + i * BLOCK;
-            for (int64_t p = 0; p < BLOCK; p++) one[p] = p < count ? own[p] * root[p] : 0;
-            for (int64_t j = 0; j <= i; j++) {
-                const double *other = rooted + j * BLOCK;
-                double part[8] = {0};
-                for (int64_t p = 0; p < BLOCK; p += 8)
-                    for (int l = 0; l < 8; l++) part[l] += one[p + l] * other[p + l];
-                for (int l = 1; l < 8; l++) part[0] += part[l];
-                gram[i * lobes + j] += part[0];
-                if (j < i) gram[j * lobes + i] += part[0];
-            }
-        }
-    }
-}
-
-/* light._weighted_gram: images [F][N][P], weight [F][P]; gram [F][N][N]. */
-API void asglight_gram(int64_t frames, int64_t lobes, int64_t leaf_count, const float *images,
-                       const float *weight, double *gram) {
-    memset(gram, 0, frames * lobes * lobes * sizeof(double));
-    for (int64_t f = 0; f < frames; f++)
-        weighted_gram(lobes, leaf_count, images + f * lobes * leaf_count, weight + f * leaf_count,
-                      gram + f * lobes * lobes);
-}

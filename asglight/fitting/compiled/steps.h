@@ -180,7 +180,8 @@ enum {
     LAID, SEEN,                                   /* images and views, a lane a channel */
     GRAMS, COLUMN_IMAGES, RINGS_OF_COLUMNS,       /* equations.c */
     SYSTEM,                                       /* steps.c */
-    STATES, EQUATIONS,                            /* minimise.c */
+    STATES, EQUATIONS,                            /* minimise.c, light.c */
+    ROOTED, LAID_LOBES,                           /* light.c */
     ARENAS
 };
 
@@ -192,11 +193,15 @@ void scale_slopes(const float *sharpness, float scale, const double change[5], f
 
 API void asglight_images(int64_t frames, int64_t lobes, const float *axes, const float *sharpness,
                          const Leaves *leaves, float *values, float *gaussian, float *scale);
+void add_up(int64_t lobes, int64_t leaf_count, const float *amplitude, const float *values,
+            const float *scale, float *radiance);
 API void asglight_slopes(int64_t frames, int64_t lobes, const float *axes, const float *sharpness,
                          const float *amplitude, const float *scale, const Leaves *leaves,
                          const float *slope, float *of_scale, double *found);
 
 /* objective.c */
+void lobes_to_cells(const Leaves *leaves, int64_t lobes, const float *scale, const float *images,
+                    float *cells, int lanes);
 API void asglight_sizes(int64_t frames, const Leaves *leaves, const Target *target,
                         const Probes *probes, const float *radiance, float *value, float *parts,
                         float *texels, float *views, float *seen);

@@ -1,0 +1,89 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * The linear part of the fit, asglight/fitting/light.py: what is asked of the light of lobes whose
+ * shapes are held.
+ */
+#include "steps.h"
+
+#include <string.h>
+
+enum { BLOCK = 256 };
+
+/* gram [N][N] += A W A^T: A images [N][P], each times its scale, if any; W of weight [P]. In double:
+ * lobes that coincide keep equal rows, whatever the order of sums. */
+static void weighted_gram(int64_t lobes, int64_t leaf_count, const float *scale,
+                          const float *images, const float *weight, double *gram) {
+    double *rooted = (double *)scratch(ROOTED, 2 * (lobes + 1) * BLOCK), *root = rooted + lobes * BLOCK;
+    for (int64_t first = 0; first < leaf_count; first += BLOCK) {
+        int64_t count = leaf_count - first < BLOCK ? leaf_count - first : BLOCK;
+        memset(root, 0, BLOCK * sizeof(double));
+        for (int64_t p = 0; p < count; p++) root[p] = sqrt(weight[first + p]);
+        for (int64_t i = 0; i < lobes; i++) {
+            const float *own = images + i * leaf_count + first, factor = scale ? scale[i] : 1.0f;
+            double *one = rooted + i * BLOCK;
+            for (int64_t p = 0; p < BLOCK; p++) one[p] = p < count ? (factor * own[p]) * root[p] : 0;
+            for (int64_t j = 0; j <= i; j++) {
+                const double *other = rooted + j * BLOCK;
+                double part[8] = {0};
+                for (int64_t p = 0; p < BLOCK; p += 8)
+                    for (int l = 0; l < 8; l++) part[l] += one[p + l] * other[p + l];
+                for (int l = 1; l < 8; l++) part[0] += part[l];
+                gram[i * lobes + j] += part[0];
+                if (j < i) gram[j * lobes + i] += part[0];
+            }
+        }
+    }
+}
+
+/* light._normal_equations of one frame: gram [N][N], slope of J along the amplitudes [N][3]. */
+static void equations(int64_t lobes, const Leaves *leaves, const Target *target,
+                      const Probes *probes, const float *amplitude, const float *values,
+                      const float *scale, double *gram, double *along) {
+    int64_t cells = cells_of(leaves), texels = texels_of(leaves), count = cells + texels;
+    int64_t views = probes->views, parts = target->part_count * cells;
+    int lanes = (lobes + LANE - 1) / LANE * LANE;
+    float *radiance = scratch(STATES, 7 * count + parts + texels + 5 * views + 3 * LANE);
+    float *slope = radiance + 3 * count, *weight = slope + 3 * count, *size = weight + count;
+    float *of_texels = size + parts, *seen = of_texels + texels, *own = seen + views;
+    float *view_weight = own + 3 * views, value;
+    float *laid = scratch(LAID_LOBES, (cells + views) * lanes + lobes * views + LANE);
+    float *shown = laid + cells * lanes, *by_lobe = shown + views * lanes;
+    add_up(lobes, count, amplitude, values, scale, radiance);
+    asglight_sizes(1, leaves, target, probes, radiance, &value, size, of_texels, own, seen);
+    asglight_misfit(1, leaves, target, probes, radiance, size, of_texels, own, seen, slope, weight,
+                    view_weight);
+    lobes_to_cells(leaves, lobes, scale, values, laid, lanes);
+    probe_lanes(probes, lanes, laid, shown);
+    for (int64_t i = 0; i < lobes; i++)
+        for (int64_t d = 0; d < views; d++) by_lobe[i * views + d] = shown[d * lanes + i];
+    memset(gram, 0, lobes * lobes * sizeof(double));
+    weighted_gram(lobes, count, scale, values, weight, gram);
+    weighted_gram(lobes, views, 0, by_lobe, view_weight, gram);
+    for (int64_t i = 0; i < lobes; i++)
+        for (int c = 0; c < 3; c++) {
+            const float *one = values + i * count, *other = slope + c * count;
+            double total = 0;
+            for (int64_t first = 0; first < count; first += BLOCK) {
+                int64_t end = first + BLOCK < count ? first + BLOCK : count;
+                vec part = splat(0.0f);
+                for (int64_t p = first; p < end; p += LANE) part += load(one + p) * load(other + p);
+                total += sum(part);
+            }
+            along[3 * i + c] = total * scale[i];
+        }
+}
+
+/* light._normal_equations: amplitude [F][N][3], values [F][N][P], scale [F][N]; gram [F][N][N] and
+ * along [F][N][3]. */
+API void asglight_light(int64_t frames, int64_t lobes, const Leaves *leaves, const Target *target,
+                        const Probes *probes, const float *amplitude, const float *values,
+                        const float *scale, double *gram, double *along) {
+    int64_t size = lobes * (cells_of(leaves) + texels_of(leaves));
+    for (int64_t f = 0; f < frames; f++) {
+        Leaves places = leaves_of(leaves, f);
+        Target own = target_of(target, f);
+        int64_t first = f * lobes;
+        equations(lobes, &places, &own, probes, amplitude + 3 * first, values + f * size,
+                  scale + first, gram + first * lobes, along + 3 * first);
+    }
+}
