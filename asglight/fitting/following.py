@@ -39,8 +39,8 @@ class Pursuit:
     Attributes:
         coarse: Steps on the grid on which starts compete, a quarter of the cells.
         whole: Steps on the whole map.
-        hurried: Steps on the whole map where lobes are free, whose trials take time; if empty,
-            those of `whole`.
+        changing: Steps on the whole map where lobes are free, which then may be lit elsewhere and
+            have further to go; if empty, those of `whole`.
         sending: What is spent where lobes are free (sending.py), the more the higher the loss that
             a frame starts from. The steps that the others take there stand for the coarse ones.
         anew: Whether a frame is fitted from nothing where rearranging lobes gains too little.
@@ -48,7 +48,7 @@ class Pursuit:
 
     coarse: tuple[Level, ...]
     whole: tuple[Level, ...]
-    hurried: tuple[Level, ...] = ()
+    changing: tuple[Level, ...] = ()
     sending: tuple[Sending, ...] = (SENDING,)
     anew: bool = True
 
@@ -64,7 +64,7 @@ class Pursuit:
 LIVE = Pursuit(
     coarse=(Level(2, Corners(0.1, 0.005)),),
     whole=(Level(2, Corners(0.1, 0.005)), Level(2, Corners(0.1, 0.002))),
-    hurried=(Level(2, Corners(0.1, 0.005)), Level(1, Corners(0.1, 0.002))),
+    changing=(Level(4, Corners(0.1, 0.005)), Level(4, Corners(0.1, 0.002))),
     sending=(
         Sending(before=2, trial=Effort(steps=2, companions=2), loss=WORTH),
         Sending(before=4, trial=Effort(steps=3, companions=3), loss=0.12),
@@ -72,8 +72,9 @@ LIVE = Pursuit(
     anew=False,
 )
 """Coarse steps bring most of the way, for less; more of them than of the whole map's
-lead away from what that asks for. Trials cost time, and in a tunnel half of r0.5 stands in the
-three frames in ten whose lobes start far from the lamps: these get most."""
+lead away from what that asks for. In a tunnel half of r0.5 stands in the four frames in ten whose
+lobes start far from the lamps: these get the trials and most of the steps. With half as many steps
+there r0.5 is a tenth larger, with twice as many in all others a twentieth smaller."""
 
 FAST = Pursuit((), (Level(4, Corners(0.3, 0.02)), Level(8, Corners(0.1, 0.005))))
 """With six and ten, r0.5 of slow shots is 0 to 2 % smaller for a fifth more time."""
@@ -150,7 +151,7 @@ def fit_next_frame(
     outcome, unlike = start_of(before, earlier, coarse, leash, width_min)
     worth = effort.sending_at(float(outcome.value))
     sending = worth if bool(free.any()) else None
-    levels = effort.hurried if sending is not None and effort.hurried else effort.whole
+    levels = effort.changing if sending is not None and effort.changing else effort.whole
     competing = replace(coarse, corners=levels[-1].corners)
     if sending is not None:
         lit = lit_where_worth(outcome, free, competing, leash, width_min, sending)

@@ -8,7 +8,8 @@ is damped more. 15 lobes are 120 unknowns: the cost is in the images of the lobe
 J and its gradient are taken over every leaf. H only shapes the step: its cells are coarser still,
 but for the refined ones.
 
-Frames do not see each other. On a GPU no step waits for the processor: what a frame whose step
+Frames do not see each other. On the processor C takes the steps (compiled/), for which those here
+are the reference. On a GPU no step waits for the processor: what a frame whose step
 failed keeps is chosen there, and all that a step does is started at once (captured.py).
 """
 

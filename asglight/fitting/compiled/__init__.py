@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The dear parts of a step, compiled: the C files beside this one, called with tensors.
+"""Steps and their dear parts, compiled: the C files beside this one, called with tensors.
 
-Each function stands for the one of the same name in lobe_images.py, objective.py, probes.py or
-newton.py, which is the reference, and serves wherever this does not: on a GPU, for other forms than
-asg, in float64, on grids with an odd number of rows, and where nothing was compiled.
+Each function stands for the one of the same name in lobe_images.py, objective.py, probes.py,
+light.py or newton.py, which is the reference, and serves wherever this does not: on a GPU, for
+other forms than asg, in float64, on grids with an odd number of rows, and where nothing was
+compiled.
 """
 
 import ctypes

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * The dear parts of a step of the fast fit, compiled: what asglight/fitting does on the processor
+ * Steps of the fast fit and their dear parts, compiled: what asglight/fitting does on the processor
  * in float32 for lobes of the form asg. Names are those of the Python functions, which say what is
  * computed and why, and which the tests hold these against.
  *
