@@ -30,7 +30,7 @@ class CompiledSteps(BuildHookInterface):
         if failure is not None:
             self.app.display_warning(
                 f"asglight: the steps of the fit are not compiled, {failure}; "
-                "fits work and take two to three times as long"
+                "fits work and take about three times as long"
             )
         elif version != "editable":
             build_data["pure_python"] = False
