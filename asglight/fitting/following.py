@@ -73,8 +73,8 @@ LIVE = Pursuit(
 )
 """Coarse steps bring most of the way, for less; more of them than of the whole map's
 lead away from what that asks for. In a tunnel half of r0.5 stands in the four frames in ten whose
-lobes start far from the lamps: these get the trials and most of the steps. With half as many steps
-there r0.5 is a tenth larger, with twice as many in all others a twentieth smaller."""
+lobes start far from the lamps: these get the trials and most of the steps. Of three and three to
+six and six there chance decides more than their number."""
 
 FAST = Pursuit((), (Level(4, Corners(0.3, 0.02)), Level(8, Corners(0.1, 0.005))))
 """With six and ten, r0.5 of slow shots is 0 to 2 % smaller for a fifth more time."""
