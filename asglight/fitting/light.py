@@ -151,7 +151,8 @@ def _non_negative(gram: Tensor, right: Tensor, near: Tensor) -> Tensor:
     if factor is None:
         return near.clone()
     pulled = wanted * scale[:, None] + ridge * before / scale[:, None]
-    target = scipy.linalg.solve_triangular(factor, pulled, lower=True)
+    # scipy's triangular solution wakes threads, which stay awake and take a core each
+    target = np.linalg.solve(factor, pulled)
     solved = [scipy.optimize.nnls(factor.T, column)[0] for column in target.T]
     return torch.from_numpy(np.stack(solved, axis=-1) * scale[:, None]).to(gram)
 

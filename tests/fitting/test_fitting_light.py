@@ -223,3 +223,9 @@ def test_absences_are_what_the_majoriser_grows_by() -> None:
         )
         grown = 0.5 * float((change * (gram @ change)).sum())
         assert float(found[gone]) == pytest.approx(grown, rel=1e-3)
+
+
+def test_a_matrix_that_no_ridge_makes_definite_leaves_the_light() -> None:
+    gram = torch.tensor([[1.0, 9.0], [9.0, 1.0]], dtype=DOUBLE)  # no sum of squares
+    near = torch.tensor([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], dtype=DOUBLE)
+    assert torch.equal(light._non_negative(gram, 2 * near, near), near)
