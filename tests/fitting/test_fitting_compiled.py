@@ -2,13 +2,8 @@
 """What is compiled against the same in torch and float64, and where it serves."""
 
 import math
-import os
-import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 import compiled_parts
@@ -306,6 +301,23 @@ def test_frames_side_by_side_take_the_steps_that_each_takes_alone() -> None:
         assert torch.equal(found.lobes.axes[[index]], alone.lobes.axes)
 
 
+def test_steps_may_be_taken_after_a_step() -> None:
+    lobes, frame, others = _near("cells and texels", 15, "one")
+    inner, other, _ = _near("cells", 8, "none")
+    alone = newton.minimise(inner, other, 3, on_step=lambda _: None)
+    found: list[newton.Outcome] = []
+
+    def after(_: Lobes) -> None:
+        found.append(newton.minimise(inner, other, 3, on_step=lambda _: None))
+
+    outer = newton.minimise(lobes, frame, 3, tolerance=0.0, on_step=after, **others)
+    quiet = newton.minimise(lobes, frame, 3, tolerance=0.0, **others)
+    assert torch.equal(outer.lobes.axes, quiet.lobes.axes)
+    assert torch.equal(outer.value, quiet.value)
+    assert len(found) == 3
+    assert all(torch.equal(each.value, alone.value) for each in found)
+
+
 def test_steps_without_gain_leave_lobes_as_they_are() -> None:
     truth, frame, _ = _near("cells and texels", 5, "none")
     best = newton.minimise(truth, frame, 200, tolerance=0.0)
@@ -394,66 +406,3 @@ def test_other_lobes_are_left_to_torch(other: Callable[[Lobes], Lobes]) -> None:
 
 def test_grids_with_an_odd_number_of_rows_are_left_to_torch() -> None:
     assert not compiled.serves(alike(Form.ASG), plain_leaves(15))
-
-
-def test_without_the_library_steps_are_those_of_torch(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(compiled, "__file__", str(tmp_path / "__init__.py"))
-    assert compiled.load() is None
-    (tmp_path / library.NAME).write_bytes(b"of another system")
-    assert compiled.load() is None
-
-
-def test_a_library_of_other_sources_is_not_used(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    for source in Path(compiled.__file__).parent.glob("*.[ch]"):
-        shutil.copy(source, tmp_path)
-    assert library.compile_library(tmp_path, tmp_path / library.NAME) is None
-    monkeypatch.setattr(compiled, "__file__", str(tmp_path / "__init__.py"))
-    assert compiled.load() is not None
-    with (tmp_path / "steps.c").open("a") as changed:
-        changed.write("/* another */\n")
-    assert compiled.load() is None
-
-
-def test_a_processor_that_is_too_old_is_left_to_torch(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiled.platform, "machine", lambda: "x86_64")
-    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "DEFAULT")
-    assert compiled.load() is None
-
-
-def test_the_library_is_compiled_and_put_in_place_whole(tmp_path: Path) -> None:
-    target = tmp_path / library.NAME
-    place = Path(compiled.__file__).parent
-    assert library.compile_library(place, target) is None
-    assert [path.name for path in tmp_path.iterdir()] == [library.NAME]
-    code = f"import ctypes; ctypes.CDLL({str(target)!r}).asglight_probe"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
-@pytest.mark.parametrize(
-    ("compiler", "told"),
-    [("no-such-compiler", "No such file"), ("false", "exit status 1")],
-)
-def test_a_compiler_that_fails_is_told_and_changes_nothing(
-    compiler: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("CC", compiler)
-    target = tmp_path / library.NAME
-    target.write_bytes(b"before")
-    failure = library.compile_library(Path(compiled.__file__).parent, target)
-    assert failure is not None
-    assert compiler in failure
-    assert told in failure
-    assert target.read_bytes() == b"before"
-
-
-def test_a_machine_without_a_compiler_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setenv("PATH", os.fspath(tmp_path))
-    failure = library.compile_library(tmp_path, tmp_path / library.NAME)
-    assert failure == "no C compiler was found (cc, gcc, or what CC names)"

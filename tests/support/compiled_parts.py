@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from asglight.fitting import compiled, coordinates, temporal
+from asglight.fitting import compiled, temporal
 from asglight.fitting.compiled import layout
 from asglight.fitting.coordinates import Between, Leash
 from asglight.lobes import Lobes, asg
@@ -34,9 +34,7 @@ def advance(lobes: Lobes, step: Tensor, width_min: float, leash: Leash | Between
         held.was[index], held.cosine[index] = axis_z.data_ptr(), cosine.data_ptr()
     own = leash.own.contiguous() if isinstance(leash, Between) else None
     held.own = None if own is None else own.data_ptr()
-    limit = coordinates.sharpness_max(lobes.form, width_min)
-    of_step = coordinates.TILT_MAX_WIDTHS, coordinates.TILT_MAX, coordinates.SHAPE_MAX
-    bounds = (c_float * 5)(*of_step, asg.SHARPNESS_MIN, limit)
+    bounds = layout._bounds(width_min)
     given = lobes.axes, lobes.sharpness, lobes.amplitude, step.contiguous(), bounds, held
     _call("asglight_advance", lobes.sharpness.numel() // 2, *given, *found)
     return Lobes(*found, lobes.form)

@@ -265,7 +265,7 @@ def minimise(
         damping: First damping.  [F]
         steps: Steps tried, taken or not.
         given: What they have in common.
-        report: Called after each step; takes none itself.
+        report: Called after each step.
 
     Returns:
         J with the temporal terms [F] and the damping of the next step [F].
@@ -275,6 +275,7 @@ def minimise(
     raised: list[BaseException] = []
 
     def after_step() -> int:
+        """Tell whether to stop."""
         assert report is not None
         try:
             report()

@@ -225,6 +225,7 @@ def steps(
         damping: Its factors after a step that failed and one that did not, its least and largest.
         counts: F and N.
     """
+    assert len(given.priors) <= PRIORS_MAX  # C reads as many as it is told of
     frame, held = given.frame, []
 
     def laid(tensor: Tensor, *shape: int) -> int:

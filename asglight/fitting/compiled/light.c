@@ -42,7 +42,7 @@ static void equations(int64_t lobes, const Leaves *leaves, const Target *target,
     int64_t cells = cells_of(leaves), texels = texels_of(leaves), count = cells + texels;
     int64_t views = probes->views, parts = target->part_count * cells;
     int lanes = (lobes + LANE - 1) / LANE * LANE;
-    float *radiance = scratch(STATES, 7 * count + parts + texels + 5 * views + 3 * LANE);
+    float *radiance = scratch(OF_FRAME, 7 * count + parts + texels + 5 * views + 3 * LANE);
     float *slope = radiance + 3 * count, *weight = slope + 3 * count, *size = weight + count;
     float *of_texels = size + parts, *seen = of_texels + texels, *own = seen + views;
     float *view_weight = own + 3 * views, value;

@@ -4,6 +4,7 @@
  */
 #include "steps.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 enum { UNKNOWNS = 8 };
@@ -34,6 +35,15 @@ typedef struct {
     float *slope, *env_weight, *view_weight, *of_scale;
     double *curvature, *temporal_slope, *step;
 } Work;
+
+/* Memory that stays for the next call, or that is of this call alone: who is called after a step may
+ * take steps. */
+static float *room(int which, int64_t count, int alone) {
+    if (!alone) return scratch(which, count);
+    float *found = malloc(count * sizeof(float));
+    if (!found) abort();
+    return found;
+}
 
 static float *take(float **from, int64_t count) {
     float *found = *from;
@@ -177,7 +187,7 @@ static int64_t work_size(Counts counts) {
 
 /* newton.minimise: `given` lobes [F][N] and their images, damping [F] and `found` as `given`, value
  * [F]. `damping` is overwritten. `report`, if any, is called after each step with `found` as it is
- * then, takes none itself, and ends the steps by returning other than 0. */
+ * then, and ends the steps by returning other than 0. */
 API void asglight_minimise(int64_t frames, int64_t lobes, int64_t steps, const Steps *given,
                            const Lit *start, const Lit *found, double *damping, float *value,
                            int (*report)(void)) {
@@ -187,8 +197,11 @@ API void asglight_minimise(int64_t frames, int64_t lobes, int64_t steps, const S
     counts.leaves = counts.cells + counts.texels;
     int64_t size = UNKNOWNS * lobes;
     int64_t frame_size = (sizeof(Frame) + sizeof(float) - 1) / sizeof(float) + LANE;
-    float *memory = scratch(STATES, frames * (state_size(counts) + frame_size) + work_size(counts));
-    double *doubles = (double *)scratch(EQUATIONS, 2 * (frames * size * (size + 1) + 3 * size));
+    int64_t memory_size = frames * (state_size(counts) + frame_size) + work_size(counts);
+    int64_t doubles_size = 2 * (frames * size * (size + 1) + 3 * size);
+    float *whole = room(STATES, memory_size, !!report), *memory = whole;
+    float *equations = room(EQUATIONS, doubles_size, !!report);
+    double *doubles = (double *)equations;
     Frame *all = (Frame *)take(&memory, frames * frame_size);
     Work work = {take(&memory, 3 * counts.leaves), take(&memory, counts.leaves),
                  take(&memory, counts.views), take(&memory, 5 * lobes),
@@ -236,4 +249,5 @@ API void asglight_minimise(int64_t frames, int64_t lobes, int64_t steps, const S
         hand_over(all + f, counts);
         value[f] = all[f].now.value;
     }
+    if (report) free(whole), free(equations);
 }

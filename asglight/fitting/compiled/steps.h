@@ -180,8 +180,8 @@ enum {
     LAID, SEEN,                                   /* images and views, a lane a channel */
     GRAMS, COLUMN_IMAGES, RINGS_OF_COLUMNS,       /* equations.c */
     SYSTEM,                                       /* steps.c */
-    STATES, EQUATIONS,                            /* minimise.c, light.c */
-    ROOTED, LAID_LOBES,                           /* light.c */
+    STATES, EQUATIONS,                            /* minimise.c */
+    ROOTED, LAID_LOBES, OF_FRAME,                 /* light.c */
     ARENAS
 };
 

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled library: which one is used, how it is made, and what is told where it is not."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from asglight.fitting import compiled
+from asglight.fitting.compiled import library
+
+pytestmark = pytest.mark.skipif(
+    compiled.LIBRARY is None and library.compiler() is None, reason="there is no C compiler"
+)
+
+
+def test_without_the_library_steps_are_those_of_torch(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(compiled, "__file__", str(tmp_path / "__init__.py"))
+    assert compiled.load() is None
+    (tmp_path / library.NAME).write_bytes(b"of another system")
+    assert compiled.load() is None
+
+
+def test_a_library_of_other_sources_is_not_used(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for source in Path(compiled.__file__).parent.glob("*.[ch]"):
+        shutil.copy(source, tmp_path)
+    assert library.compile_library(tmp_path, tmp_path / library.NAME) is None
+    monkeypatch.setattr(compiled, "__file__", str(tmp_path / "__init__.py"))
+    assert compiled.load() is not None
+    with (tmp_path / "steps.c").open("a") as changed:
+        changed.write("/* another */\n")
+    assert compiled.load() is None
+
+
+def test_a_processor_that_is_too_old_is_left_to_torch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "DEFAULT")
+    assert compiled.load() is None
+
+
+def test_the_library_is_compiled_and_put_in_place_whole(tmp_path: Path) -> None:
+    target = tmp_path / library.NAME
+    place = Path(compiled.__file__).parent
+    assert library.compile_library(place, target) is None
+    assert [path.name for path in tmp_path.iterdir()] == [library.NAME]
+    code = f"import ctypes; ctypes.CDLL({str(target)!r}).asglight_probe"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    ("compiler", "told"),
+    [("no-such-compiler", "No such file"), ("false", "exit status 1")],
+)
+def test_a_compiler_that_fails_is_told_and_changes_nothing(
+    compiler: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", compiler)
+    target = tmp_path / library.NAME
+    target.write_bytes(b"before")
+    failure = library.compile_library(Path(compiled.__file__).parent, target)
+    assert failure is not None
+    assert compiler in failure
+    assert told in failure
+    assert target.read_bytes() == b"before"
+
+
+def test_a_machine_without_a_compiler_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", os.fspath(tmp_path))
+    failure = library.compile_library(tmp_path, tmp_path / library.NAME)
+    assert failure == "no C compiler was found (cc, gcc, or what CC names)"
