@@ -387,22 +387,3 @@ def test_lobes_that_coincide_have_equal_rows() -> None:
     assert torch.equal(gram[:, 1], gram[:, 3])
     assert torch.equal(gram[:, :, 1], gram[:, :, 3])
     assert torch.equal(slope[:, 1], slope[:, 3])
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        lambda lobes: lobes.to(DOUBLE),
-        lambda lobes: replace(lobes, form=Form.SG),
-        lambda lobes: replace(lobes, amplitude=lobes.amplitude.int()),
-        lambda lobes: replace(lobes, sharpness=lobes.sharpness.requires_grad_()),
-    ],
-)
-def test_other_lobes_are_left_to_torch(other: Callable[[Lobes], Lobes]) -> None:
-    places = plain_leaves(32)
-    assert compiled.serves(alike(Form.ASG), places)
-    assert not compiled.serves(other(alike(Form.ASG)), places)
-
-
-def test_grids_with_an_odd_number_of_rows_are_left_to_torch() -> None:
-    assert not compiled.serves(alike(Form.ASG), plain_leaves(15))

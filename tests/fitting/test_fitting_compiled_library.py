@@ -1,21 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The compiled library: which one is used, how it is made, and what is told where it is not."""
+"""The compiled library: what it serves, which one is used, how it is made, what is told if not."""
 
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
+from leaf_cases import plain_leaves
+from lobe_cases import DOUBLE, alike
 
 from asglight.fitting import compiled
 from asglight.fitting.compiled import library
+from asglight.lobes import Form, Lobes
 
 pytestmark = pytest.mark.skipif(
     compiled.LIBRARY is None and library.compiler() is None, reason="there is no C compiler"
 )
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda lobes: lobes.to(DOUBLE),
+        lambda lobes: replace(lobes, form=Form.SG),
+        lambda lobes: replace(lobes, amplitude=lobes.amplitude.int()),
+        lambda lobes: replace(lobes, sharpness=lobes.sharpness.requires_grad_()),
+    ],
+)
+def test_other_lobes_are_left_to_torch(other: Callable[[Lobes], Lobes]) -> None:
+    places = plain_leaves(32)
+    assert compiled.serves(alike(Form.ASG), places)
+    assert not compiled.serves(other(alike(Form.ASG)), places)
+
+
+def test_grids_with_an_odd_number_of_rows_are_left_to_torch() -> None:
+    assert not compiled.serves(alike(Form.ASG), plain_leaves(15))
 
 
 def test_without_the_library_steps_are_those_of_torch(
