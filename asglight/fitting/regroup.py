@@ -13,8 +13,10 @@ first steps must fill.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from typing import NamedTuple
 
 import torch
@@ -102,26 +104,32 @@ def regroup(
         return start
     held = partial(newton.minimise, width_min=width_min, leash=leash)
     best = held(start.lobes, frame, SETTLING_STEPS, on_step=on_step)
-    tried: set[Split] = set()
+    splits, filled = _to_try(best, frame, stays)
     for _ in range(rounds):
-        shown = best.shown
-        assert shown is not None  # of lobes that took steps
-        costs, filled = absences(shown, frame)
-        if stays is not None:
-            costs = torch.where(stays.to(costs.device), torch.inf, costs)
-        splits = [each for each in ordered(shown, frame, costs) if each not in tried][:TRIALS]
-        if not splits:
+        competing = list(islice(splits, TRIALS))
+        if not competing:
             break
-        tried.update(splits)
-        halves = [carried_out(each, best.lobes[0], filled, width_min) for each in splits]
+        halves = [carried_out(each, best.lobes[0], filled, width_min) for each in competing]
         begun = stack(halves) if leash is None else pulled_back(stack(halves), leash)
-        trials = held(begun, coarse.repeated(len(splits)), TRIAL_STEPS)
+        trials = held(begun, coarse.repeated(len(competing)), TRIAL_STEPS)
         found = held(trials.best().lobes, frame, STEPS)
         if float(found.value) < (1 - GAIN) * float(best.value):
-            best, tried = found, set()
+            best = found
+            splits, filled = _to_try(best, frame, stays)
             if on_step is not None:
                 on_step(best.lobes)
     return best
+
+
+def _to_try(
+    best: newton.Outcome, frame: objective.Target, stays: Tensor | None
+) -> tuple[Iterator[Split], Tensor]:
+    """Return the splits of a fit in the order in which they are tried, and `absences`' steps."""
+    assert best.shown is not None  # of lobes that took steps
+    costs, filled = absences(best.shown, frame)
+    if stays is not None:
+        costs = torch.where(stays.to(costs.device), torch.inf, costs)
+    return iter(ordered(best.shown, frame, costs)), filled
 
 
 def ordered(shown: lobe_images.Images, frame: objective.Target, costs: Tensor) -> list[Split]:
