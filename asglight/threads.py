@@ -2,9 +2,13 @@
 """How many threads of the processor a part of the work computes on."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import torch
+
+Found = TypeVar("Found")
 
 
 @contextlib.contextmanager
@@ -16,3 +20,31 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+def side_by_side(calls: Iterable[Callable[[], Found]], threads: int) -> Iterator[Found]:
+    """Yield what calls return, in their order, as many running at once as there are threads.
+
+    What a call returns does not depend on the others, so neither does it on the number of threads.
+
+    Args:
+        calls: Taken one by one, each begun as soon as a thread is free. Those that wait when the
+            caller wants no more are never begun.
+        threads: With one, each is called when it is asked for, on the thread of the caller.
+    """
+    if threads < 2:
+        for call in calls:
+            yield call()
+        return
+    records = not torch.is_inference_mode_enabled()
+
+    def run(call: Callable[[], Found]) -> Found:
+        with torch.inference_mode(not records):  # which torch keeps for each thread
+            return call()
+
+    pool = ThreadPoolExecutor(threads)
+    try:
+        for running in [pool.submit(run, call) for call in calls]:
+            yield running.result()
+    finally:
+        pool.shutdown(cancel_futures=True)

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One thread for a while, and what was allowed before from then on."""
+"""One thread for a while, and what was allowed before from then on; calls side by side."""
 
+import threading
 from collections.abc import Iterator
+from functools import partial
 
 import pytest
 import torch
 
-from asglight.threads import one_thread
+from asglight.threads import one_thread, side_by_side
 
 
 @pytest.fixture(autouse=True)
@@ -24,3 +26,44 @@ def test_one_thread_is_one_and_gives_back_what_was() -> None:
         assert torch.get_num_threads() == 1
     with pytest.raises(KeyError), one_thread():
         raise KeyError
+
+
+def test_calls_side_by_side_are_answered_in_their_order() -> None:
+    both = threading.Barrier(2, timeout=60)
+
+    def call(number: int) -> tuple[int, int, bool]:
+        if number < 2:
+            both.wait()  # for which two must run at once
+        return number, torch.get_num_threads(), torch.is_inference_mode_enabled()
+
+    with one_thread(), torch.inference_mode():
+        found = list(side_by_side((partial(call, number) for number in range(5)), threads=2))
+    assert found == [(number, 1, True) for number in range(5)]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_calls_that_are_not_wanted_any_more_are_not_begun(threads: int) -> None:
+    begun: list[int] = []
+    last = 3 * threads
+
+    def call(number: int) -> int:
+        begun.append(number)
+        if 0 < number < last:
+            wanted.wait(60)
+        return number
+
+    wanted = threading.Event()
+    found = side_by_side((partial(call, number) for number in range(last + 1)), threads)
+    assert next(found) == 0
+    threading.Timer(0.2, wanted.set).start()
+    found.close()
+    assert last not in begun
+
+
+def test_what_a_call_raises_reaches_the_caller() -> None:
+    def call() -> None:
+        raise KeyError
+
+    for threads in (1, 2):
+        with pytest.raises(KeyError):
+            list(side_by_side([call], threads))

@@ -176,6 +176,7 @@ def fit_first_frame(
     form: Form | None,
     effort: Effort = FAST,
     on_step: newton.OnStep | None = None,
+    threads: int = 1,
 ) -> FrameFit:
     """Fit lobes to a map from nothing.
 
@@ -184,9 +185,10 @@ def fit_first_frame(
         count: N.
         form: Lobe function; None for asg, or flat where that shows the map better (flat_tops.py).
         effort: How much is spent.
-        on_step: Called after each step, and each round of splits that is kept, with lobes in units
-            of the map's mean radiance: those of the first start, then the best of the starts that
-            are done.  [1, N, .]
+        on_step: Called after each step of the first start, and each round of splits of it that is
+            kept, with lobes in units of the map's mean radiance, perhaps on another thread.
+            [1, N, .]
+        threads: Starts followed at once; the fit does not depend on it.
     """
     frame = exposed(reference)
     first = form or Form.ASG
@@ -214,7 +216,9 @@ def fit_first_frame(
     def fitted(form: Form) -> newton.Outcome:
         """Return the end of the best start."""
         seeds = (seeding.seed_lobes(cells, count, form, spread) for spread in effort.spreads_deg)
-        return starts.best_end(seeds, finish, last, aim(), width_min, on_step, effort.again)
+        return starts.best_end(
+            seeds, finish, last, aim(), width_min, on_step, effort.again, threads
+        )
 
     found = fitted(first)
     if form is None and flat_tops.promises(found.lobes, whole, width_min):

@@ -127,6 +127,7 @@ def fit_next_frame(
     previous: Lobes,
     earlier: Lobes | None = None,
     effort: Pursuit = FAST,
+    threads: int = 1,
 ) -> FrameFit:
     """Fit a frame that follows another.
 
@@ -135,12 +136,13 @@ def fit_next_frame(
         previous: The lobes of the frame before.  [N, .]
         earlier: The lobes of the frame before that, from which the motion is foretold.  [N, .]
         effort: How much is spent.
+        threads: Of a fit from nothing, as in `fit_first_frame`.
     """
     frame = exposed(reference)
     if frame.exposure <= 0:
         return FrameFit(_scaled(previous, 0.0), 0.0, 0.0)
     if float(previous.amplitude.max()) <= 0:
-        return fit_first_frame(reference, previous.count, previous.form)
+        return fit_first_frame(reference, previous.count, previous.form, threads=threads)
     before = _scaled(previous, 1 / _within_reach(frame.exposure, previous))
     free = is_free(before, earlier)
     cosine = torch.where(free, -1.0, math.cos(math.radians(LEASH_DEG)))
@@ -172,7 +174,7 @@ def fit_next_frame(
             outcome, leash = there
         starts_anew = there is None and effort.anew
     if changed and starts_anew:
-        fresh = _anew(reference, previous)
+        fresh = _anew(reference, previous, threads)
         if fresh.loss < JUMP_GAIN * loss:
             return fresh
     lit = align(light.relit(outcome, whole).lobes[0], before)
@@ -226,9 +228,9 @@ def _where_light_is(
     return found, there.leash
 
 
-def _anew(reference: Tensor, previous: Lobes) -> FrameFit:
+def _anew(reference: Tensor, previous: Lobes, threads: int) -> FrameFit:
     """Fit a frame from nothing; lobes that stand for the same lamps keep their places."""
-    fresh = fit_first_frame(reference, previous.count, previous.form)
+    fresh = fit_first_frame(reference, previous.count, previous.form, threads=threads)
     ordered = matched(fresh.lobes, previous, math.radians(LEASH_DEG))
     return replace(fresh, lobes=align(ordered, previous))
 

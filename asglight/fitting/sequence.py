@@ -46,6 +46,9 @@ def fit_frame(
 ) -> FrameFit:
     """Fit one frame.
 
+    Every step is computed on one thread, so that its bits are the same everywhere; starts of a fit
+    from nothing run side by side on as many as torch may use (OMP_NUM_THREADS).
+
     Args:
         reference: Repaired radiance.  [H, W, 3]
         options: Settings.
@@ -55,15 +58,18 @@ def fit_frame(
     """
     if options.preset is Preset.PAPER:
         return _paper_frame(reference, options, previous, on_step)
+    threads = torch.get_num_threads()
     with one_thread(), torch.inference_mode():  # no record for derivatives: 7 % of a live frame
         if previous is None:
             form = options.form
             if form is None and options.preset is Preset.LIVE:
                 form = Form.ASG
-            fit = fit_first_frame(reference, options.count, form, _EFFORT[options.preset])
+            effort = _EFFORT[options.preset]
+            fit = fit_first_frame(reference, options.count, form, effort, threads=threads)
             fit = replace(fit, lobes=canonical(fit.lobes))
         else:
-            fit = fit_next_frame(reference, previous, earlier, _PURSUIT[options.preset])
+            pursuit = _PURSUIT[options.preset]
+            fit = fit_next_frame(reference, previous, earlier, pursuit, threads)
     return replace(fit, lobes=fit.lobes.clone())  # a tensor of inference mode cannot be changed
 
 

@@ -5,13 +5,16 @@ An end in which no error lags behind comes before one in which any does, and els
 lit best: starts were asked for the map as well, and some end with more of it at the cost of light.
 """
 
+import itertools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 from torch import Tensor
 
 from asglight.fitting import balance, light, newton, objective
 from asglight.lobes import Lobes
+from asglight.threads import side_by_side
 
 Finish = Callable[[Lobes, Tensor | None, newton.OnStep | None], newton.Outcome]
 """Follows a start [N, .] to its end; with factors of J's weights [5], if they are given. The end is
@@ -58,6 +61,7 @@ def best_end(
     width_min: float,
     on_step: newton.OnStep | None = None,
     again: int = 0,
+    threads: int = 1,
 ) -> newton.Outcome:
     """Follow each start to its end, and return the end to take.
 
@@ -71,30 +75,32 @@ def best_end(
         frame: The map on the leaves on which ends are compared.
         aim: What errors are to come to there.
         width_min: Sigma of the narrowest lobe allowed, radians.
-        on_step: Called with the lobes of the first start, then with the best so far.
+        on_step: Called with the lobes of the first start, perhaps on another thread.
         again: Starts that go once more where what materials show lags behind, the nearest first.
+        threads: Starts followed at once, each on a thread of its own: the end does not depend on
+            it. On a GPU it is one at a time, for steps there are recorded.
     """
-    ends: list[End] = []
+    threads = 1 if frame.radiance.is_cuda else threads
 
-    def reached(seed: Lobes, weights: Tensor | None = None) -> End:
-        """Return the end of a start, with other weights if any are given."""
-        report = on_step
-        if on_step is not None and ends:
-            best = min(ends, key=lambda each: each.order).found.lobes
-            report = _still(on_step, best)
-        return ended(seed, finish(seed, weights, report), frame, aim)
+    def reached(seed: Lobes, report: newton.OnStep | None) -> End:
+        return ended(seed, finish(seed, None, report), frame, aim)
 
-    for seed in seeds:
-        ends.append(reached(seed))
-    nearest = sorted(ends, key=lambda each: each.order)
-    best = settled(nearest[0], frame, aim, width_min)
-    going = nearest[:again] if best.behind > 1 else []
-    for end in going:
-        if best.settled_order[0] <= 1:
-            break
+    def once_more(end: End) -> End:
+        """Return where a start comes to with what lags behind in its end raised."""
         weights = balance.raised(end.lag)
-        other = settled(reached(end.seed, weights), frame, aim, width_min, weights)
-        best = min(best, other, key=lambda each: each.settled_order)
+        found = ended(end.seed, finish(end.seed, weights, None), frame, aim)
+        return settled(found, frame, aim, width_min, weights)
+
+    reports = itertools.chain([on_step], itertools.repeat(None))
+    calls = (partial(reached, *each) for each in zip(seeds, reports, strict=False))
+    nearest = sorted(side_by_side(calls, threads), key=lambda each: each.order)
+    best = settled(nearest[0], frame, aim, width_min)
+    if best.behind > 1:
+        going = (partial(once_more, end) for end in nearest[:again])
+        for other in side_by_side(going, threads):
+            best = min(best, other, key=lambda each: each.settled_order)
+            if best.settled_order[0] <= 1:
+                break
     return best.found
 
 
@@ -132,8 +138,3 @@ def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
     sharp = replace(frame, corners=light.CORNERS)
     seen = objective.sizes(light.relit(found, frame).radiance, sharp).seen
     return float(objective.of_materials(seen, sharp))
-
-
-def _still(on_step: newton.OnStep, best: Lobes) -> newton.OnStep:
-    """Return a report of the same lobes, whatever step is taken."""
-    return lambda _: on_step(best)

@@ -5,9 +5,9 @@ Fits run first, on one thread, each with a record of the lobes that it had on it
 judged afterwards, all together, so that no second of judging is in a second of fitting. A result is
 a plain dictionary, as bench.json holds it.
 
-Checkpoints of `fast` and `best` are what the fit held after a step: of the starts that still race,
-the one that leads since the last level. Those of the paper are ends of runs with fewer steps, each
-with the whole fall of its learning rate: a run that is stopped early would be worse.
+Checkpoints of `fast` and `best` are what the fit held after a step of its first start, and its end,
+the best of all starts. Those of the paper are ends of runs with fewer steps, each with the whole
+fall of its learning rate: a run that is stopped early would be worse.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -145,17 +145,27 @@ def test_an_end_is_judged_with_its_light_solved_as_it_will_be() -> None:
     assert abs(wrong[1] - wrong[0]) < 0.05 * (unsolved - wrong[0])
 
 
-def test_later_starts_report_the_best_end_so_far() -> None:
+def test_the_first_start_alone_reports_its_steps() -> None:
     seeds, frame, width_min = _starts()
     seen: list[Lobes] = []
     finish = _finish(frame, width_min)
-    starts.best_end(seeds[:2], finish, frame, AHEAD, width_min, seen.append)
+    starts.best_end(seeds, finish, frame, AHEAD, width_min, seen.append)
     alone: list[Lobes] = []
-    end = first_frame.descend(seeds[0][None], frame, frame, LEVELS, width_min, alone.append)
-    assert len(seen) > len(alone)
-    for reported, expected in zip(seen, alone, strict=False):
+    first_frame.descend(seeds[0][None], frame, frame, LEVELS, width_min, alone.append)
+    assert len(seen) == len(alone) > 0
+    for reported, expected in zip(seen, alone, strict=True):
         assert torch.equal(reported.axes, expected.axes)
-    assert all(torch.equal(later.axes, end.lobes.axes) for later in seen[len(alone) :])
+
+
+@pytest.mark.parametrize("threads", [2, 5])
+def test_the_end_does_not_depend_on_how_many_starts_run_at_once(threads: int) -> None:
+    seeds, frame, width_min = _starts()
+    beyond = torch.tensor([1e6, 1e6, 1e6, 1e-9, 1e6])  # so that starts go once more
+    given = seeds, _finish(frame, width_min), frame, beyond, width_min
+    alone = starts.best_end(*given, again=2)
+    found = starts.best_end(*given, again=2, threads=threads)
+    assert torch.equal(found.lobes.axes, alone.lobes.axes)
+    assert torch.equal(found.lobes.amplitude, alone.lobes.amplitude)
 
 
 def test_what_materials_show_wrong_is_j_without_the_map() -> None:
