@@ -12,6 +12,7 @@ A lobe that turns stays as it is. All others are free to be lit.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -23,6 +24,7 @@ from asglight.fitting.following import DAMPING_START, LEASH_DEG
 from asglight.fitting.objective import Corners
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import chosen
+from asglight.threads import side_by_side
 
 STEPS = 6
 """Of a sweep: three of six end as well as three of seven, of four 3 % worse in a tunnel."""
@@ -38,6 +40,10 @@ RISE = 0.1
 """A frame stays as it was whose own J would grow by more than this share, or what materials show of
 it, with the corners of a fit's last light: where lamps rush past, what its neighbours hold is no
 guide. By all of J alone single frames of a tunnel came to three times their irr."""
+
+GROUP = 4
+"""Frames that take steps together on the processor, where each thread has a group; a GPU has all.
+They stop together, so groups must not depend on the number of threads."""
 
 JUMP_DEG = 10.0
 """A lobe that turns further was dark and sent, or there is a cut. One at the end of its leash of
@@ -82,18 +88,23 @@ class Bounds:
     leash: Between
 
 
-def sweep(shot: Lobes, chunk: Chunk, places: Sequence[int]) -> None:
+def sweep(shot: Lobes, chunk: Chunk, places: Sequence[int], threads: int = 1) -> None:
     """Take steps for frames of a chunk, in place.
 
     Args:
         shot: Every frame, in the units of its map.  [F, N, .]
         chunk: Where they are.
         places: Which of the chunk.
+        threads: Groups of frames that take steps at once; what they come to does not depend on it.
     """
+    on_gpu = chunk.frames[0].radiance.is_cuda
     for parity in (0, 1):
         own = [place for place in places if (chunk.first + place) % 2 == parity]
-        if own:
-            _step(shot, chunk, own)
+        size = len(own) if on_gpu else GROUP
+        groups = [own[at : at + size] for at in range(0, len(own), size)] if own else []
+        steps = (partial(_step, shot, chunk, group) for group in groups)
+        for _ in side_by_side(steps, 1 if on_gpu else threads):
+            pass
 
 
 def _in_units(shot: Lobes, index: Tensor, frames: Sequence[Exposed]) -> Lobes:

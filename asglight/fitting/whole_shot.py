@@ -60,7 +60,12 @@ class _Swept:
 
 
 def refine_shot(
-    lobes: Lobes, read: Read, *, links: bool = False, on_chunk: OnChunk = lambda *_: None
+    lobes: Lobes,
+    read: Read,
+    *,
+    links: bool = False,
+    threads: int = 1,
+    on_chunk: OnChunk = lambda *_: None,
 ) -> tuple[Lobes, list[float]]:
     """Refine a shot.
 
@@ -68,6 +73,7 @@ def refine_shot(
         lobes: Every frame as fitted, in the units of its map.  [F, N, .]
         read: Reads the maps; called once, or twice with `links`.
         links: Whether lobes are fitted free as well, and linked where that shows more.
+        threads: Frames take steps on so many at once; the shot does not depend on it.
         on_chunk: Progress.
 
     Returns:
@@ -76,19 +82,22 @@ def refine_shot(
     shot = temporal.waiting(lobes).clone()
     count = len(shot.axes)
     if not links:
-        found = _swept([(shot, SWEEPS)], read(), lambda done: on_chunk(done, count))[0]
+        found = _swept([(shot, SWEEPS)], read(), threads, lambda done: on_chunk(done, count))[0]
         return found.lobes, found.losses
     places = cuts(shot)
     other = _linked(shot, places, read(), lambda done: on_chunk(done, 2 * count))
     ways = [(shot, SWEEPS)] if other is None else [(shot, SWEEPS), (other, LINKED_SWEEPS)]
-    found, *rest = _swept(ways, read(), lambda done: on_chunk(count + done, 2 * count))
+    found, *rest = _swept(ways, read(), threads, lambda done: on_chunk(count + done, 2 * count))
     if rest:
         found = _better(found, rest[0], places)
     return found.lobes, found.losses
 
 
 def _swept(
-    ways: list[tuple[Lobes, int]], chunks: Iterable[list[Exposed]], on_frames: Callable[[int], None]
+    ways: list[tuple[Lobes, int]],
+    chunks: Iterable[list[Exposed]],
+    threads: int,
+    on_frames: Callable[[int], None],
 ) -> list[_Swept]:
     """Sweep shots of the same maps, each so many times, in place.
 
@@ -101,7 +110,7 @@ def _swept(
             chunk = Chunk(first, frames, zeros.copy(), zeros.copy())
             if len({frame.height for frame in frames}) == 1:
                 for _ in range(sweeps):
-                    sweep(shot, chunk, chunk.places)
+                    sweep(shot, chunk, chunk.places, threads)
             swept.losses.extend(chunk.losses)
             swept.materials.extend(chunk.materials)
         on_frames(first + len(frames))

@@ -62,8 +62,11 @@ def refined(
     clock, size = Clock(), whole_shot.CHUNK
     shot, frames = stack(list(found)), [first_frame.exposed(radiance) for radiance in references]
     chunks = [frames[at : at + size] for at in range(0, len(frames), size)]
+    threads = torch.get_num_threads()
     with one_thread(), torch.inference_mode():
-        lobes, _ = whole_shot.refine_shot(shot, lambda: chunks, links=LINKS[preset])
+        lobes, _ = whole_shot.refine_shot(
+            shot, lambda: chunks, links=LINKS[preset], threads=threads
+        )
     whole = clock.seconds()
     total = [{name: s + whole[name] / len(frames) for name, s in one.items()} for one in seconds]
     return [lobes[index].clone() for index in range(len(frames))], total

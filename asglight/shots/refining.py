@@ -9,6 +9,8 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import replace
 
+import torch
+
 from asglight.errors import InputError
 from asglight.fitting.first_frame import Exposed, exposed
 from asglight.fitting.options import FitOptions
@@ -42,11 +44,13 @@ def refined(
     own = own_frames(records)
     if options.preset not in LINKS or len(own) < 2:
         return records
+    threads = torch.get_num_threads()
     with one_thread():
         lobes, losses = refine_shot(
             stack([record.lobes for record in own]),
             lambda: _chunks(own, sequence, options),
             links=LINKS[options.preset],
+            threads=threads,
             on_chunk=lambda done, count: on_progress(Refined(done, count)),
         )
     return [

@@ -28,18 +28,26 @@ from asglight.lobes.matching import flux_shares
 
 LIVE = FitOptions(lobes=4, preset=Preset.LIVE)
 
+FIELDS = ("axes", "sharpness", "amplitude")
+
 
 def _fitted(maps: list[Tensor]) -> Lobes:
     return stack([fit.lobes for fit in follow(maps, LIVE)])
 
 
 def _refined(
-    shot: Lobes, maps: list[Tensor], chunk: int = 16, *, links: bool = False
+    shot: Lobes, maps: list[Tensor], chunk: int = 16, *, links: bool = False, threads: int = 1
 ) -> tuple[Lobes, list[float]]:
     frames = [exposed(radiance) for radiance in maps]
     chunks: list[list[Exposed]] = [frames[at : at + chunk] for at in range(0, len(frames), chunk)]
     done: list[tuple[int, int]] = []
-    found = refine_shot(shot, lambda: chunks, links=links, on_chunk=lambda *each: done.append(each))
+    found = refine_shot(
+        shot,
+        lambda: chunks,
+        links=links,
+        threads=threads,
+        on_chunk=lambda *each: done.append(each),
+    )
     counts = [min(at, len(maps)) for at in range(chunk, len(maps) + chunk, chunk)]
     readings = 2 if links else 1
     assert done == [
@@ -101,6 +109,17 @@ def test_a_noisy_shot_becomes_no_worse() -> None:
     # judged on texel centres: (pi / 64)^2 / 24
     assert max(errors["flux"] for errors in after) < 2e-4
     assert all(0 < loss < 1 for loss in losses)
+
+
+@pytest.mark.parametrize("links", [False, True])
+def test_a_shot_comes_to_the_same_on_any_number_of_threads(links: bool) -> None:
+    maps = _noisy(2 * between.GROUP + 3)  # two groups of even places
+    shot = _fitted(maps)
+    alone, losses = _refined(shot, maps, links=links)
+    found, same_losses = _refined(shot, maps, links=links, threads=3)
+    assert same_losses == losses
+    assert all(torch.equal(getattr(found, name), getattr(alone, name)) for name in FIELDS)
+    assert not torch.equal(alone.amplitude, shot.amplitude)
 
 
 def test_frames_read_in_chunks_are_all_refined() -> None:
