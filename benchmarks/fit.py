@@ -43,7 +43,7 @@ SEQUENCE_PART = 10
 """The paper's recipe takes one of so many of its steps on a sequence, or it would take hours."""
 
 QUICK_MAPS, QUICK_PAPER_STEPS, QUICK_FRAMES = 2, 300, 6
-THREADS_HELP = "threads of EM, of the paper's recipe and of judging (2); presets take one"
+THREADS_HELP = "threads (2): of the steps of EM and of the paper; of presets one for each start"
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -252,6 +252,5 @@ def _legend(
     )
     at = result["machine"]
     text = f"{at['processor']}, {at['cores']} cores, torch {at['torch']}, steps {at['steps']}; "
-    text += "threads: presets 1, "
-    text += f"EM and the paper's recipe {at['threads']}"
+    text += f"threads: {at['threads']}, of presets one a start"
     figure.text(24 / width, 18 / height, text, fontsize=11, color=FAINT)

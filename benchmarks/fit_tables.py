@@ -33,7 +33,7 @@ def tables(result: dict[str, Any]) -> str:
     parts = [
         f"{result['lobes']} lobes; {at['processor']}, {at['cores']} cores, torch {at['torch']}, "
         f"steps {at['steps']}; "
-        f"threads: presets 1, EM and the paper's recipe {at['threads']}; load "
+        f"threads: {at['threads']}, of presets one a start; load "
         f"of the machine before the run {at['load']}."
     ]
     if result["quick"]:
