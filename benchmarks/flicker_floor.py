@@ -15,14 +15,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
+from given import add_sequence, frames_given
 from torch import Tensor
 
-from asglight.cli.parser import one_line
-from asglight.errors import InputError
 from asglight.fitting import lobe_images, newton, objective
 from asglight.fitting.first_frame import Exposed, exposed, narrowest, on_fine_leaves
 from asglight.fitting.options import LOBES, FitOptions, Preset
-from asglight.images.sequence import open_sequence
 from asglight.judging.following import follow
 from asglight.judging.metrics import SequenceErrors, frame_errors, sequence_errors
 from asglight.lobes import Lobes
@@ -41,17 +39,10 @@ SHOWN = ("irr", "r0.5", "r0.25", "flicker")
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit a sequence in each way, print a table."""
     parser = argparse.ArgumentParser(prog="flicker_floor", description=__doc__)
-    parser.add_argument("sequence", metavar="DIR", help="a sequence of latlong maps")
-    parser.add_argument("--frames", type=int, metavar="N", help="the first N of it (all)")
+    add_sequence(parser)
     parser.add_argument("--lobes", type=int, metavar="N", default=LOBES, help=f"({LOBES})")
     options = parser.parse_args(argv)
-    try:
-        sequence = open_sequence(options.sequence)
-        maps = [sequence.read(frame).radiance for frame in sequence.frames[: options.frames]]
-    except InputError as error:
-        parser.error(one_line(str(error)))
-    if len(maps) < 2:
-        parser.error(f"{options.sequence}: {len(maps)} frame; expected two or more that change")
+    maps = frames_given(parser, options)
     if not all(float(radiance.max()) > 0 for radiance in maps):
         parser.error(f"{options.sequence}: has black frames; expected some light in each")
     print(table(measured(maps, options.lobes)))

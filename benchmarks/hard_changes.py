@@ -13,7 +13,7 @@ import statistics
 from collections.abc import Callable, Iterator, Sequence
 
 import torch
-from map_folder import maps_given
+from given import maps_given
 from shots_turned import Shot, measured
 from torch import Tensor
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from unittest import mock
 
 import torch
-from map_folder import maps_given
+from given import maps_given
 from torch import Tensor
 
 from asglight.fitting import light, lobe_images, objective

@@ -18,15 +18,13 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import torch
+from given import add_sequence, frames_given
 from torch import Tensor
 
-from asglight.cli.parser import one_line
-from asglight.errors import InputError
 from asglight.fitting import lobe_images, measures
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.fitting.probes import probe, split
 from asglight.fitting.temporal import waiting
-from asglight.images.sequence import open_sequence
 from asglight.judging.following import follow, jumps, matched, refined
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
@@ -55,8 +53,7 @@ class Shot(NamedTuple):
 def main(argv: Sequence[str] | None = None) -> int:
     """Follow a sequence in each way with each preset, print a table."""
     parser = argparse.ArgumentParser(prog="shots_turned", description=__doc__)
-    parser.add_argument("sequence", metavar="DIR", help="a sequence of latlong maps")
-    parser.add_argument("--frames", type=int, metavar="N", help="the first N of it (all)")
+    add_sequence(parser)
     parser.add_argument("--turns", type=int, default=2, metavar="N", help="orientations (2)")
     parser.add_argument(
         "--afresh", type=int, nargs="+", metavar="N", default=[], help="lobes of fits from nothing"
@@ -66,14 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"--afresh {min(options.afresh)}; expected one or more")
     if options.turns < 1:
         parser.error(f"--turns {options.turns}; expected one or more")
-    try:
-        sequence = open_sequence(options.sequence)
-        maps = [sequence.read(frame).radiance for frame in sequence.frames[: options.frames]]
-    except InputError as error:
-        parser.error(one_line(str(error)))
-    if len(maps) < 2:
-        parser.error(f"{options.sequence}: {len(maps)} frame; expected two or more to follow")
-    turned = ways(maps, options.turns)
+    turned = ways(frames_given(parser, options), options.turns)
     found = {
         preset.value: [measured(each, FitOptions(LOBES, preset)) for each in turned]
         for preset in PRESETS

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
-from map_folder import maps_given
+from given import maps_given
 from torch import Tensor
 
 from asglight.fitting import first_frame

@@ -62,7 +62,7 @@ def test_the_table_holds_each_way_against_the_first() -> None:
 @pytest.mark.parametrize(
     ("maps", "says"),
     [
-        (MAPS[:1], "1 frame; expected two or more that change"),
+        (MAPS[:1], "1 frame; expected two or more to follow"),
         ([MAPS[0], 0 * MAPS[0]], "has black frames; expected some light in each"),
     ],
 )

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What scripts measure: every map of a folder, `--maps`, or the frames of a sequence."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from torch import Tensor
+
+from asglight.cli.parser import one_line
+from asglight.errors import InputError
+from asglight.fitting.options import FIT_HEIGHT
+from asglight.images import read_latlong
+from asglight.images.sequence import open_sequence
+
+
+def maps_given(program: str, text: str | None, argv: Sequence[str] | None) -> dict[str, Tensor]:
+    """Parse the command line and read the maps.
+
+    Args:
+        program: Name of the script.
+        text: What `--help` says of it.
+        argv: Its arguments; None for those of the process.
+
+    Returns:
+        Repaired radiance [H, 2 H, 3] by name.
+
+    Raises:
+        SystemExit: There is no map; one line says so.
+    """
+    parser = argparse.ArgumentParser(prog=program, description=text)
+    parser.add_argument("--maps", type=Path, required=True, metavar="DIR", help="latlong OpenEXR")
+    folder = parser.parse_args(argv).maps
+    paths = sorted(folder.glob("*.exr"))
+    if not paths:
+        parser.error(f"--maps: {folder}: has no .exr; expected latlong OpenEXR files")
+    return {path.stem: read_latlong(path, height=FIT_HEIGHT).radiance for path in paths}
+
+
+def add_sequence(parser: argparse.ArgumentParser) -> None:
+    """Let a script be given a sequence, or the first frames of one."""
+    parser.add_argument("sequence", metavar="DIR", help="a sequence of latlong maps")
+    parser.add_argument("--frames", type=int, metavar="N", help="the first N of it (all)")
+
+
+def frames_given(parser: argparse.ArgumentParser, options: argparse.Namespace) -> list[Tensor]:
+    """Read the frames of the sequence of `add_sequence`.
+
+    Args:
+        parser: Of the script.
+        options: What it parsed.
+
+    Returns:
+        Repaired radiance [H, 2 H, 3] of each.
+
+    Raises:
+        SystemExit: It cannot be read, or has fewer than two frames; one line says so.
+    """
+    try:
+        sequence = open_sequence(options.sequence)
+        maps = [sequence.read(frame).radiance for frame in sequence.frames[: options.frames]]
+    except InputError as error:
+        parser.error(one_line(str(error)))
+    if len(maps) < 2:
+        parser.error(f"{options.sequence}: {len(maps)} frame; expected two or more to follow")
+    return maps
