@@ -100,8 +100,8 @@ def sweep(shot: Lobes, chunk: Chunk, places: Sequence[int], threads: int = 1) ->
     on_gpu = chunk.frames[0].radiance.is_cuda
     for parity in (0, 1):
         own = [place for place in places if (chunk.first + place) % 2 == parity]
-        size = len(own) if on_gpu else GROUP
-        groups = [own[at : at + size] for at in range(0, len(own), size)] if own else []
+        size = max(len(own), 1) if on_gpu else GROUP
+        groups = (own[at : at + size] for at in range(0, len(own), size))
         steps = (partial(_step, shot, chunk, group) for group in groups)
         for _ in side_by_side(steps, 1 if on_gpu else threads):
             pass
