@@ -25,7 +25,7 @@ from typing import Any
 
 from asglight.cli.main import main as asglight
 from asglight.images import read_latlong, sequence
-from asglight.images.decoders import APART, HERE
+from asglight.images.decoding.decoders import APART, HERE
 
 PARTS: dict[str, tuple[str, ...]] = {
     "fit of the frames": ("asglight.shots.frames.fit_frame",),

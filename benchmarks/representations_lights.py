@@ -17,8 +17,8 @@ from pxr import Usd, UsdGeom, UsdLux
 from torch import Tensor
 
 from asglight.images import read_latlong
-from asglight.images.decode import read_header
-from asglight.images.strips import read_pixels
+from asglight.images.decoding.decode import read_header
+from asglight.images.decoding.strips import read_pixels
 from asglight.lobes import Form, Lobes, flat
 from asglight.sphere import latlong
 

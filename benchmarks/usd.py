@@ -19,8 +19,10 @@ from pathlib import Path
 from pxr import Usd
 
 from asglight.lobes import LobeTracks
-from asglight.usd import StageOptions, cards, layer, lint_stage, read_usd, staging
+from asglight.usd import StageOptions, lint_stage, read_usd
+from asglight.usd.lights import cards
 from asglight.usd.spaces import Space
+from asglight.usd.write import layer, staging
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 from usd_tracks import moving

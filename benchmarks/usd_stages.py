@@ -19,8 +19,8 @@ from asglight.images import write_exr
 from asglight.lobes import Form
 from asglight.shots import fit_shot
 from asglight.usd import Representation, StageOptions, lint_stage, write_edit_layer, write_usd
-from asglight.usd.read import read_usd
-from asglight.usd.read_options import read_options
+from asglight.usd.read.read_options import read_options
+from asglight.usd.read.tracks import read_usd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 from usd_tracks import moving, of_every_kind

@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from asglight.images import read_latlong
-from asglight.usd import Representation, distant
+from asglight.usd import Representation
+from asglight.usd.lights import distant
 from dcc import images, lobe_light, quadrature, renderers, rows, scene, stages, usdlux
 from dcc.quadrature import Light
 from dcc.rows import Array, FacingRow, Row

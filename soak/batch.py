@@ -19,7 +19,7 @@ from types import FrameType
 from typing import Any
 
 from asglight.errors import InputError
-from asglight.images import apart
+from asglight.images.decoding import apart
 from soak.readers import Read, Reader, declared_bytes
 from soak.seeds import CORPUS
 

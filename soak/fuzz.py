@@ -9,7 +9,7 @@ not instrumented; what leads into them is.
 
 A batch of files is read by a forked process with a limit on memory and time, so that whatever a
 file does is told from the outside. What ends an image's reader is read once more as the product
-reads it, apart (asglight/images/apart.py).
+reads it, apart (asglight/images/decoding/apart.py).
 """
 
 import argparse

@@ -12,13 +12,13 @@ from asglight.errors import InputError
 from asglight.export.sg_array import SgLayout, read_sg_array
 from asglight.export.track_file import read_json
 from asglight.images import read_latlong
-from asglight.images.decode import read_header
-from asglight.images.decoders import APART
+from asglight.images.decoding.decode import read_header
+from asglight.images.decoding.decoders import APART
 from asglight.lobes import Lobes
 from asglight.shots.checkpoint import Checkpoint
 from asglight.shots.watching import ShotWatch
 from asglight.usd import read_usd
-from asglight.usd.read_options import read_options
+from asglight.usd.read.read_options import read_options
 from soak.seeds import CHECKPOINT_HEADER
 
 ROWS = 8

@@ -23,7 +23,7 @@ import torch
 
 from asglight.fitting.options import FitOptions, Preset
 from asglight.images import read_latlong, write_exr
-from asglight.images.decoders import APART
+from asglight.images.decoding.decoders import APART
 from asglight.judging.memory import Peak, peak_memory
 from asglight.shots.events import FrameDone
 from asglight.shots.job import fit_shot

@@ -19,8 +19,8 @@ import numpy as np
 import torch
 
 import asglight.cli.fit
-import asglight.usd.edit_layer
-import asglight.usd.write
+import asglight.usd.write.edit_layer
+import asglight.usd.write.stage_file
 from asglight.cli.main import main
 from asglight.images import write_exr
 
@@ -28,7 +28,7 @@ ROWS = 16
 FRAMES = 6
 OPTIONS = ("--preset", "live", "--lobes", "2", "--dome-height", "8", "--resume")
 
-LOADED = (asglight.cli.fit, asglight.usd.edit_layer, asglight.usd.write)
+LOADED = (asglight.cli.fit, asglight.usd.write.edit_layer, asglight.usd.write.stage_file)
 """What a run would load by itself, once."""
 
 

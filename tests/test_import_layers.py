@@ -31,7 +31,7 @@ asglight itself (for its version)."""
 
 ONLY_IN = {"pxr": {"usd"}, "moderngl": {"viewer"}, "imgui_bundle": {"viewer"}}
 
-FARM = PACKAGE / "shots" / "farm.py"
+FARM = PACKAGE / "shots" / "parts" / "farm.py"
 """The one file that knows Dask, which few users have."""
 
 
@@ -72,7 +72,7 @@ def test_one_file_knows_dask_and_only_the_command_line_knows_that_file() -> None
         names = imported_modules(source)
         tops = {name.partition(".")[0] for name in names}
         assert source == FARM or not {"dask", "distributed"} & tops, source
-        uses = any(name.startswith("asglight.shots.farm") for name in names)
+        uses = any(name.startswith("asglight.shots.parts.farm") for name in names)
         assert not uses or room(source) == "cli", source
 
 

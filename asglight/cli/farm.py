@@ -12,8 +12,8 @@ from asglight.errors import InputError
 from asglight.fitting.options import FitOptions
 from asglight.images import open_sequence
 from asglight.images.message import shown
-from asglight.shots.chunks import CHUNK, OVERLAP, Shot
-from asglight.shots.joining import part_rows
+from asglight.shots.parts.chunks import CHUNK, OVERLAP, Shot
+from asglight.shots.parts.joining import part_rows
 from asglight.usd.options import StageOptions
 
 EXAMPLE = (
@@ -50,7 +50,7 @@ def one_input(arguments: argparse.Namespace) -> str:
 
 def run(arguments: argparse.Namespace, options: FitOptions) -> int:
     """Fit every input on the cluster, and say what was written."""
-    from asglight.shots.farm import fit_on_farm
+    from asglight.shots.parts.farm import fit_on_farm
 
     shots = shots_from(arguments, options)
     with reporter() as report:

@@ -56,7 +56,7 @@ class _FollowReferences(argparse.Action):
     """Let stages refer to layers outside their folder, for this run."""
 
     def __call__(self, *_: object) -> None:
-        from asglight.usd.trust import follow_references
+        from asglight.usd.check.trust import follow_references
 
         follow_references()
 

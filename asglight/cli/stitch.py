@@ -13,7 +13,7 @@ from asglight.cli.printing import counted, frame_range, print_json, size
 from asglight.cli.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.errors import InputError
 from asglight.images.message import shown
-from asglight.shots.joining import Joined, join
+from asglight.shots.parts.joining import Joined, join
 
 EXAMPLE = (
     "asglight stitch part.*.usdc -o shot.usdc\n"

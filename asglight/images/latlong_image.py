@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 
 from asglight.errors import InputError
-from asglight.images import colour, decode, ocio
-from asglight.images.decoders import HERE, Decoder
+from asglight.images import colour, ocio
+from asglight.images.decoding import decode
+from asglight.images.decoding.decoders import HERE, Decoder
 from asglight.images.message import shown
 from asglight.images.repair import Repair, Repairing
 from asglight.sphere import latlong

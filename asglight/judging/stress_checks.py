@@ -24,7 +24,7 @@ from asglight.shading.sheets import amplitudes, sheets
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
 from asglight.usd import write_usd
-from asglight.usd.read import read_stage
+from asglight.usd.read.tracks import read_stage
 
 NORMAL_MIN = 1.1754944e-38
 """The least normal number of float32. Smaller ones have few digits, and OpenGL may take them as 0:

@@ -19,7 +19,7 @@ from asglight.lobes import Form, LobeTracks
 from asglight.lobes.naming import named_as
 from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
 from asglight.shots.events import Notice, OnProgress, ignore
-from asglight.shots.preroll import Followed, check_preroll
+from asglight.shots.parts.preroll import Followed, check_preroll
 from asglight.shots.reading import stamp_of
 from asglight.shots.records import FrameRecord
 from asglight.shots.rounds import InMemory, fitted_shot

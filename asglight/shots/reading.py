@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 
 from asglight.errors import InputError
 from asglight.images import LatlongImage, Sequence
-from asglight.images.decode import DamagedError
+from asglight.images.decoding.decode import DamagedError
 from asglight.images.message import shown
 
 READINGS_MAX = 3

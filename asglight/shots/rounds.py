@@ -10,7 +10,7 @@ from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 from asglight.shots.events import Notice, OnProgress, Started
 from asglight.shots.frames import OnImage, fit_frames, frame_done, no_image
-from asglight.shots.preroll import Followed, start_of
+from asglight.shots.parts.preroll import Followed, start_of
 from asglight.shots.records import FrameRecord, own_frames
 from asglight.shots.refining import refined
 from asglight.shots.tolerance import Accuracy, Worst, fewest_lobes, more_lobes, worst

@@ -9,18 +9,18 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from asglight.usd.edit_layer import write_edit_layer
-    from asglight.usd.lint import lint_stage
+    from asglight.usd.check.lint import lint_stage
     from asglight.usd.options import (
         STAGE_SUFFIXES,
         Representation,
         StageOptions,
         check_stage_options,
     )
-    from asglight.usd.read import Reading, read_stage, read_usd
+    from asglight.usd.read.tracks import Reading, read_stage, read_usd
     from asglight.usd.schema import SCHEMA_FOLDER
-    from asglight.usd.staging import WriteReport
-    from asglight.usd.write import write_usd
+    from asglight.usd.write.edit_layer import write_edit_layer
+    from asglight.usd.write.stage_file import write_usd
+    from asglight.usd.write.staging import WriteReport
 
 __all__ = [
     "SCHEMA_FOLDER",
@@ -43,13 +43,13 @@ _HOME = {
     "StageOptions": "options",
     "check_stage_options": "options",
     "SCHEMA_FOLDER": "schema",
-    "WriteReport": "staging",
-    "lint_stage": "lint",
-    "Reading": "read",
-    "read_stage": "read",
-    "read_usd": "read",
-    "write_edit_layer": "edit_layer",
-    "write_usd": "write",
+    "WriteReport": "write.staging",
+    "lint_stage": "check.lint",
+    "Reading": "read.tracks",
+    "read_stage": "read.tracks",
+    "read_usd": "read.tracks",
+    "write_edit_layer": "write.edit_layer",
+    "write_usd": "write.stage_file",
 }
 
 

@@ -17,8 +17,8 @@ from asglight.errors import InputError
 from asglight.images.latlong_image import read_header
 from asglight.images.message import shown
 from asglight.usd import schema
+from asglight.usd.check.references import UnreadableError, checked_layers
 from asglight.usd.faults import reason
-from asglight.usd.references import UnreadableError, checked_layers
 
 
 def open_stage(path: str | Path) -> Usd.Stage:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from asglight.lobes import Form, Lobes, LobeTracks, asg, frames
-from asglight.usd.checks import AMPLITUDE_MAX
+from asglight.usd.write.checks import AMPLITUDE_MAX
 
 LOG2_MAX = 64.0
 """Largest factor of one edit, as a power of 2: nineteen decades, more than the sun over starlight,

@@ -14,7 +14,7 @@ from asglight.cli.main import main
 from asglight.cli.opening import Request, opened
 from asglight.lobes import asg
 from asglight.usd.options import StageOptions
-from asglight.usd.read_options import read_options
+from asglight.usd.read.read_options import read_options
 
 WORDS = {
     "--representation": "distant",

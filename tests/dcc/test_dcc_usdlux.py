@@ -14,7 +14,8 @@ from asglight.images import write_exr
 from asglight.lobes import Lobes, LobeTracks, asg
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
-from asglight.usd import Representation, distant, write_usd
+from asglight.usd import Representation, write_usd
+from asglight.usd.lights import distant
 from dcc import images, lobe_light, quadrature, scene, stages, usdlux
 from dcc.quadrature import Light
 

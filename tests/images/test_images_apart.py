@@ -16,11 +16,12 @@ import torch
 from processes import is_running, wait_until
 
 from asglight.errors import InputError
-from asglight.images import apart, open_sequence, read_latlong
-from asglight.images.apart import Apart, ApartError
-from asglight.images.decode import DamagedError, read_header
-from asglight.images.decoders import APART, Elsewhere
-from asglight.images.decoding_process import from_json, to_json
+from asglight.images import open_sequence, read_latlong
+from asglight.images.decoding import apart
+from asglight.images.decoding.apart import Apart, ApartError
+from asglight.images.decoding.decode import DamagedError, read_header
+from asglight.images.decoding.decoders import APART, Elsewhere
+from asglight.images.decoding.decoding_process import from_json, to_json
 
 ELSEWHERE = Elsewhere()
 
@@ -145,7 +146,7 @@ def test_the_process_ends_when_its_owner_is_killed(tmp_path: Path) -> None:
     path = image_files.constant(tmp_path / "a.exr", 1)
     code = (
         "import sys, os, signal\nfrom pathlib import Path\n"
-        "from asglight.images.decoders import APART\n"
+        "from asglight.images.decoding.decoders import APART\n"
         f"APART.header(Path({str(path)!r}), None)\n"
         "print(APART._idle[0]._process.pid, flush=True)\nos.kill(os.getpid(), signal.SIGKILL)"
     )
@@ -266,7 +267,7 @@ def test_sequences_are_read_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize(
-    "module", ["asglight.images.decoding_process", "asglight.usd.probing_process"]
+    "module", ["asglight.images.decoding.decoding_process", "asglight.usd.check.probing_process"]
 )
 def test_a_process_apart_loads_no_torch(module: str) -> None:
     code = f"import {module}, sys; print('torch' in sys.modules)"

@@ -11,8 +11,9 @@ import OpenImageIO
 import pytest
 
 from asglight.errors import InputError
-from asglight.images import decode, read_latlong, strips
-from asglight.images.decode import read_header
+from asglight.images import read_latlong
+from asglight.images.decoding import decode, strips
+from asglight.images.decoding.decode import read_header
 
 ROWS, COLUMNS = 24, 48
 COMPRESSIONS = ("NO", "ZIP", "PIZ", "DWAB")  # chunks of 1, 16, 32 and 256 rows

@@ -12,7 +12,7 @@ from torch import Tensor
 from asglight.judging import stress_checks as checks
 from asglight.judging.stress_maps import constant, lobe, render, together, toward
 from asglight.lobes import Form, Lobes, LobeTracks
-from asglight.usd.read import Reading
+from asglight.usd.read.tracks import Reading
 
 LAMPS = together(
     lobe(toward(30, 20), (40.0, 10.0), (3.0, 2.0, 1.0)), lobe(toward(-100, -40), 200.0, 5.0)

@@ -20,10 +20,11 @@ import pytest
 from asglight.cli.main import main
 from asglight.errors import InputError
 from asglight.fitting.options import FitOptions, Preset
-from asglight.shots import chunks, farm, fit_shot
-from asglight.shots.chunks import Shot
+from asglight.shots import fit_shot
 from asglight.shots.events import Event, Farmed, Notice
-from asglight.shots.joining import join
+from asglight.shots.parts import chunks, farm
+from asglight.shots.parts.chunks import Shot
+from asglight.shots.parts.joining import join
 
 LIVE = FitOptions(lobes=3, preset=Preset.LIVE)
 CHUNK = 8

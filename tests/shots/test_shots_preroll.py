@@ -15,8 +15,8 @@ from asglight.images import open_sequence
 from asglight.lobes import Lobes
 from asglight.shots import ShotResult, fit_shot
 from asglight.shots.events import Event, FrameDone, Prerolled
-from asglight.shots.joining import join
-from asglight.shots.preroll import SETTLING, follow, preroll_frames
+from asglight.shots.parts.joining import join
+from asglight.shots.parts.preroll import SETTLING, follow, preroll_frames
 
 LIVE = FitOptions(lobes=3, preset=Preset.LIVE)
 

@@ -4,7 +4,7 @@
 import os
 from typing import Any
 
-from asglight.images.apart_child import Channel, allow_memory
+from asglight.images.decoding.apart_child import Channel, allow_memory
 
 
 def handle(request: dict[str, Any], channel: Channel) -> None:

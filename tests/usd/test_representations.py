@@ -12,7 +12,8 @@ from usd_tracks import moving, still
 from asglight.images import write_exr
 from asglight.lobes import Form, asg
 from asglight.sphere import latlong
-from asglight.usd import card_texture, write_usd
+from asglight.usd import write_usd
+from asglight.usd.lights import card_texture
 
 lights = script("representations_lights")
 representations = script("representations")

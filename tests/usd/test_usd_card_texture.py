@@ -16,17 +16,10 @@ from scipy import integrate, stats
 from usd_tracks import assert_same, edited, of_every_kind, still
 
 from asglight.lobes import Form, LobeTracks, asg
-from asglight.usd import (
-    card_texture,
-    cards,
-    lint_stage,
-    read_stage,
-    read_usd,
-    write_edit_layer,
-    write_usd,
-)
-from asglight.usd.cards import Kind
-from asglight.usd.read_options import card_kinds, read_options
+from asglight.usd import lint_stage, read_stage, read_usd, write_edit_layer, write_usd
+from asglight.usd.lights import card_texture, cards
+from asglight.usd.lights.cards import Kind
+from asglight.usd.read.read_options import card_kinds, read_options
 from asglight.usd.stage import find_rig
 
 CUT = 3.0

@@ -9,8 +9,8 @@ import torch
 from scipy import integrate
 
 from asglight.lobes import Form, Lobes, asg
-from asglight.usd import cards
-from asglight.usd.cards import Kind
+from asglight.usd.lights import cards
+from asglight.usd.lights.cards import Kind
 
 
 def one_lobe(form: Form, sharpness: tuple[float, float]) -> Lobes:

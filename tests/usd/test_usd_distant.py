@@ -9,8 +9,8 @@ import torch
 from scipy import integrate
 
 from asglight.lobes import Form, Lobes, asg
-from asglight.usd import distant
-from asglight.usd.emission import intensity_and_color
+from asglight.usd.lights import distant
+from asglight.usd.lights.emission import intensity_and_color
 
 
 def one_lobe(form: Form, sharpness: tuple[float, float]) -> Lobes:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import axes_around
-from asglight.usd import dome_texels
+from asglight.usd.lights import dome_texels
 
 HEIGHT = 128
 TEXEL = math.pi / HEIGHT

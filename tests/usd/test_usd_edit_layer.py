@@ -17,7 +17,8 @@ from usd_tracks import contents, edited, moving, of_every_kind, still
 from asglight.errors import InputError
 from asglight.images import read_latlong
 from asglight.lobes import Form, LobeTracks
-from asglight.usd import Representation, lint_stage, read_usd, trust, write_edit_layer, write_usd
+from asglight.usd import Representation, lint_stage, read_usd, write_edit_layer, write_usd
+from asglight.usd.check import trust
 
 FRAMES = (1001, 1002, 1005, 1006, 1010)
 ROUNDING = 3e-6

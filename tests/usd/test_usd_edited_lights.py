@@ -14,7 +14,7 @@ from usd_tracks import assert_same, moving, still
 from asglight.errors import InputError
 from asglight.lobes import Form, LobeTracks
 from asglight.usd import Representation, lint_stage, read_stage, read_usd, write_usd
-from asglight.usd.edit_layer import write_edit_layer
+from asglight.usd.write.edit_layer import write_edit_layer
 
 FRAMES = (1001, 1002, 1005)
 LOBE = "/AsgRig/Lobes/lobe_01"

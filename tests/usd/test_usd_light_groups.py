@@ -13,7 +13,7 @@ from usd_tracks import assert_same, of_every_kind
 
 from asglight.lobes import Form
 from asglight.usd import lint_stage, read_stage, read_usd, write_edit_layer, write_usd
-from asglight.usd.read_options import read_options
+from asglight.usd.read.read_options import read_options
 
 FRAMES = (1001, 1002, 1005)
 SOFT = "/AsgRig/Lobes/lobe_01"

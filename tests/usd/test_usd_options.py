@@ -23,7 +23,7 @@ from asglight.usd import (
     write_edit_layer,
     write_usd,
 )
-from asglight.usd.read_options import read_options
+from asglight.usd.read.read_options import read_options
 
 FRAMES = (1001, 1002, 1005)
 EVERYTHING = {

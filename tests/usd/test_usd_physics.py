@@ -18,7 +18,9 @@ from usd_tracks import SHAPES, moving, of_every_kind, still
 from asglight.lobes import Form, Lobes, LobeTracks, asg
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
-from asglight.usd import StageOptions, cards, layer, lint_stage, write_usd
+from asglight.usd import StageOptions, lint_stage, write_usd
+from asglight.usd.lights import cards
+from asglight.usd.write import layer
 
 NODES = 300
 """Gauss-Legendre nodes an axis: the clamped cosine's kink costs 1e-4 of irradiance at most."""

@@ -13,9 +13,10 @@ from usd_tracks import moving
 
 from asglight.cli.main import main
 from asglight.errors import InputError
-from asglight.usd import lint_stage, read_usd, references, schema, trust, write_usd
+from asglight.usd import lint_stage, read_usd, schema, write_usd
+from asglight.usd.check import references, trust
 from asglight.usd.options import DOME_HEIGHT
-from asglight.usd.read_options import read_options
+from asglight.usd.read.read_options import read_options
 from asglight.usd.stage import open_stage
 
 

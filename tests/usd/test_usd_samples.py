@@ -6,7 +6,7 @@ import pytest
 from pxr import Gf, Sdf, Usd
 from scipy.spatial.transform import Rotation, Slerp
 
-from asglight.usd.samples import kept, kept_quaternions
+from asglight.usd.write.samples import kept, kept_quaternions
 
 FRAMES = np.arange(1001.0, 1101.0)
 

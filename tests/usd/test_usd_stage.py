@@ -12,15 +12,9 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdValidation
 from usd_tracks import contents, moving, of_every_kind, still
 
 from asglight.lobes import Form
-from asglight.usd import (
-    Representation,
-    StageOptions,
-    cards,
-    layer,
-    lint_stage,
-    read_usd,
-    write_usd,
-)
+from asglight.usd import Representation, StageOptions, lint_stage, read_usd, write_usd
+from asglight.usd.lights import cards
+from asglight.usd.write import layer
 
 
 @pytest.mark.parametrize("form", Form)

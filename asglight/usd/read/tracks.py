@@ -2,7 +2,7 @@
 """Reading lobe tracks back from a stage.
 
 A lobe is orientation, sharpness, amplitude and form. Lights are derived from it; those that were
-edited by another program change it (asglight.usd.edited_lights). A lobe that was deactivated is
+edited by another program change it (edited_lights.py). A lobe that was deactivated is
 gone.
 """
 
@@ -24,8 +24,8 @@ from asglight.images import ocio
 from asglight.images.message import shown
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.usd import schema
-from asglight.usd.edited_lights import with_light_edits
-from asglight.usd.read_options import card_distance_of
+from asglight.usd.read.edited_lights import with_light_edits
+from asglight.usd.read.read_options import card_distance_of
 from asglight.usd.spaces import Space, from_stage, space_of
 from asglight.usd.stage import lobe_prims, numbers, open_rig, readable, rig_data
 

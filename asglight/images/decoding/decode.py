@@ -24,8 +24,9 @@ from pathlib import Path
 import OpenImageIO
 
 from asglight.errors import InputError
-from asglight.images import colour, layers
+from asglight.images import colour
 from asglight.images.colour import Chromaticities
+from asglight.images.decoding import layers
 from asglight.images.message import compressed, shown
 
 # 32768 x 16384 is four times the largest map in circulation, and 6.4 GB as float32.

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux
 
-from asglight.images.decode import read_header
-from asglight.images.strips import read_pixels
+from asglight.images.decoding.decode import read_header
+from asglight.images.decoding.strips import read_pixels
 from asglight.usd import schema
-from asglight.usd.references import may_open
+from asglight.usd.check.references import may_open
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_of
 from asglight.usd.stage import find_rig, has_lobe_api, image_file, numbers, open_stage

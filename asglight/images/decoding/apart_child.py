@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from asglight.errors import InputError
-from asglight.images.apart import TIME_LIMIT
+from asglight.images.decoding.apart import TIME_LIMIT
 
 THREADS = 16 * 2**20 * (os.cpu_count() or 1)
 """Bytes of the stacks (8 MB) and buffers of a library's threads, one for each core."""

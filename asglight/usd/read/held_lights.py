@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt
 
 from asglight.lobes import Lobes, asg, frames
-from asglight.usd import cards, distant, schema
-from asglight.usd.lights import Light
+from asglight.usd import schema
+from asglight.usd.lights import cards, distant
+from asglight.usd.lights.light import Light
 from asglight.usd.schema import Representation
 from asglight.usd.stage import DamagedValueError, numbers
 

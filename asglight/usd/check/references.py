@@ -18,10 +18,10 @@ from pathlib import Path
 from pxr import Ar, Sdf
 
 from asglight.errors import InputError
-from asglight.images.apart import Apart, ApartError
+from asglight.images.decoding.apart import Apart, ApartError
 from asglight.images.message import shown
-from asglight.usd.layer_facts import LayerFacts, facts_of
-from asglight.usd.trust import follows_references, is_our_own
+from asglight.usd.check.layer_facts import LayerFacts, facts_of
+from asglight.usd.check.trust import follows_references, is_our_own
 
 _BINARY = (b"PXR-USDC", b"PK\x03\x04")
 """How a crate begins, and a package, which may hold one."""
@@ -132,7 +132,7 @@ class _Probe:
         """
         with self._lock:
             if self._process is None or self._owner != os.getpid():
-                self._process = Apart("asglight.usd.probing_process")
+                self._process = Apart("asglight.usd.check.probing_process")
                 self._owner = os.getpid()
             try:
                 self._process.tell({"layer": name, "bytes": size, "folder": os.getcwd()})

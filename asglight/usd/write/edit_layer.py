@@ -22,26 +22,28 @@ from torch import Tensor
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks, asg
-from asglight.usd import cards, distant, layer, samples, schema, staging
-from asglight.usd.authoring import TrackAuthor
-from asglight.usd.checks import check_target, check_tracks
+from asglight.usd import schema
+from asglight.usd.check.lint import lint_stage
+from asglight.usd.check.trust import our_own
 from asglight.usd.digest import author_digest, digest_of_prim
-from asglight.usd.lights import Light
-from asglight.usd.lint import lint_stage
+from asglight.usd.lights import cards, distant
+from asglight.usd.lights.light import Light
 from asglight.usd.options import STAGE_SUFFIXES
-from asglight.usd.read import read_stage, read_usd
-from asglight.usd.read_options import (
+from asglight.usd.read.read_options import (
     dome_images,
     fill_images,
     options_of,
     shown_kinds,
     shown_threefold,
 )
+from asglight.usd.read.tracks import read_stage, read_usd
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import space_for, to_stage
 from asglight.usd.stage import lobe_prims, numbers, open_rig, open_stage
-from asglight.usd.staging import WriteReport
-from asglight.usd.trust import our_own
+from asglight.usd.write import layer, samples, staging
+from asglight.usd.write.authoring import TrackAuthor
+from asglight.usd.write.checks import check_target, check_tracks
+from asglight.usd.write.staging import WriteReport
 
 LAYER_SUFFIXES = tuple(suffix for suffix in STAGE_SUFFIXES if suffix != ".usdz")
 """A package would have to hold the stage that the layer lies over."""

@@ -4,14 +4,15 @@
 from pathlib import Path
 
 from asglight.lobes import LobeTracks
-from asglight.usd import cards, layer, staging
-from asglight.usd.authoring import TrackAuthor
-from asglight.usd.checks import check_target, check_tracks
-from asglight.usd.lint import lint_stage
+from asglight.usd.check.lint import lint_stage
+from asglight.usd.check.trust import our_own
+from asglight.usd.lights import cards
 from asglight.usd.options import STAGE_SUFFIXES, StageOptions, check_stage_options
 from asglight.usd.spaces import space_for
-from asglight.usd.staging import WriteReport
-from asglight.usd.trust import our_own
+from asglight.usd.write import layer, staging
+from asglight.usd.write.authoring import TrackAuthor
+from asglight.usd.write.checks import check_target, check_tracks
+from asglight.usd.write.staging import WriteReport
 
 
 def write_usd(

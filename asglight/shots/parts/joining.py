@@ -52,7 +52,7 @@ def join(
         InputError: A part cannot be read, they do not make up a shot, or it cannot be written.
     """
     from asglight.usd import read_usd, write_usd  # loads pxr
-    from asglight.usd.read_options import read_options
+    from asglight.usd.read.read_options import read_options
 
     parts = sorted(((read_usd(file), file) for file in files), key=lambda pair: pair[0].frames)
     tracks = stitched([part for part, _ in parts], [shown(file) for _, file in parts])

@@ -3,7 +3,7 @@
 
 A sharp lobe is one card. A softer one is three about the same centre, whose sum has its shape. A
 lobe too broad for them shines from the fill, a small dome that all broad lobes share. Where cards
-have a texture, a lobe that is not too broad is one card with it (asglight.usd.card_texture). Which
+have a texture, a lobe that is not too broad is one card with it (card_texture.py). Which
 of these holds for the whole shot, so no lobe pops.
 
 A card lies in the plane z = 1 of the lobe's frame, |x| <= p, |y| <= q, and is seen from the origin;
@@ -27,9 +27,10 @@ from torch import Tensor
 
 from asglight.lobes import asg, texels
 from asglight.lobes.data import Form, Lobes
-from asglight.usd import card_texture, schema
-from asglight.usd.emission import intensity_and_color
-from asglight.usd.lights import Light, on_sides
+from asglight.usd import schema
+from asglight.usd.lights import card_texture
+from asglight.usd.lights.emission import intensity_and_color
+from asglight.usd.lights.light import Light, on_sides
 
 
 class Kind(StrEnum):

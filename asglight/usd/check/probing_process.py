@@ -13,10 +13,10 @@ from typing import Any
 
 from pxr import Sdf, Tf
 
-from asglight.images.apart_child import Channel, allow_memory
+from asglight.images.decoding.apart_child import Channel, allow_memory
 from asglight.images.message import compressed
+from asglight.usd.check.layer_facts import facts_of
 from asglight.usd.faults import reason
-from asglight.usd.layer_facts import facts_of
 
 MEMORY_FACTOR = 64
 """Times the size of the file that reading it may take. asglight's own binary stages take three to

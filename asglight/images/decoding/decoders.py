@@ -17,10 +17,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from asglight.errors import InputError
-from asglight.images.apart import Apart, ApartError
-from asglight.images.decode import DamagedError, Header, read_header, unreadable
-from asglight.images.decoding_process import SLOTS, from_json, to_json
-from asglight.images.strips import STRIP_ROWS, read_strips
+from asglight.images.decoding.apart import Apart, ApartError
+from asglight.images.decoding.decode import DamagedError, Header, read_header, unreadable
+from asglight.images.decoding.decoding_process import SLOTS, from_json, to_json
+from asglight.images.decoding.strips import STRIP_ROWS, read_strips
 
 
 class Decoder(Protocol):
@@ -117,7 +117,7 @@ class Elsewhere:
                 self._owner, self._idle = os.getpid(), []
             if self._idle:
                 return self._idle.pop()
-        return Apart("asglight.images.decoding_process")
+        return Apart("asglight.images.decoding.decoding_process")
 
     def _put(self, process: Apart) -> None:
         with self._lock:

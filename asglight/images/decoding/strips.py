@@ -8,7 +8,7 @@ import numpy as np
 import OpenImageIO
 
 from asglight.errors import InputError
-from asglight.images.decode import Header, finding, opened, unreadable
+from asglight.images.decoding.decode import Header, finding, opened, unreadable
 from asglight.images.message import shown
 
 # A strip is decoded at once. 256 rows are the largest chunk of OpenEXR (DWAB), so no chunk that

@@ -30,7 +30,7 @@ storage that anyone works on."""
 _START = """\
 import json, sys
 sys.path[:] = json.loads(sys.argv[1])
-from asglight.images import apart_child
+from asglight.images.decoding import apart_child
 import {module}
 apart_child.serve({module}.handle, int(sys.argv[2]))
 """

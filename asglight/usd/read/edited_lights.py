@@ -29,12 +29,12 @@ from torch import Tensor
 
 from asglight.lobes import Form, Lobes, frames
 from asglight.usd import schema
-from asglight.usd.cards import Kind
-from asglight.usd.checks import SHARPNESS_RANGE
 from asglight.usd.digest import has_own_edits
-from asglight.usd.held_lights import EDITED, Array, LobeLights, View, Written, held_lights
-from asglight.usd.read_options import card_kinds, threefold_lobes
+from asglight.usd.lights.cards import Kind
+from asglight.usd.read.held_lights import EDITED, Array, LobeLights, View, Written, held_lights
+from asglight.usd.read.read_options import card_kinds, threefold_lobes
 from asglight.usd.schema import Representation
+from asglight.usd.write.checks import SHARPNESS_RANGE
 
 TURNED_DEG = 0.01
 """Of a light whose transform is not the authored one: float32 matrices keep a hundredth of that."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from asglight.images import ocio, write_exr
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import Lobes
-from asglight.usd import dome_texels
+from asglight.usd.lights import dome_texels
 from asglight.usd.spaces import Space, to_stage
 
 

@@ -7,9 +7,10 @@ from pathlib import Path
 from pxr import Sdf, Usd, UsdGeom
 
 from asglight.errors import InputError
-from asglight.usd import cards, distant, schema
+from asglight.usd import schema
+from asglight.usd.check.references import may_open
+from asglight.usd.lights import cards, distant
 from asglight.usd.options import DISTANCE_M, DOME_HEIGHT, Representation, StageOptions
-from asglight.usd.references import may_open
 from asglight.usd.spaces import space_of
 from asglight.usd.stage import image_height, lobe_prims, open_rig, rig_data
 

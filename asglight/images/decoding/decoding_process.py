@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 from typing import Any
 
-from asglight.images.apart_child import Channel, allow_memory
-from asglight.images.decode import Header, read_header, unreadable
-from asglight.images.layers import Layer
-from asglight.images.strips import read_strips
+from asglight.images.decoding.apart_child import Channel, allow_memory
+from asglight.images.decoding.decode import Header, read_header, unreadable
+from asglight.images.decoding.layers import Layer
+from asglight.images.decoding.strips import read_strips
 
 SLOTS = 2
 """Strips in the shared memory: while one is repaired and reduced, the next is decoded."""

@@ -27,7 +27,7 @@ from asglight.shots.checkpoint import SUFFIX as CHECKPOINT_SUFFIX
 from asglight.shots.checkpoint import BusyError, check_same, open_locked
 from asglight.shots.events import Notice, OnProgress
 from asglight.shots.job import fit_shot
-from asglight.shots.preroll import Followed, follow
+from asglight.shots.parts.preroll import Followed, follow
 from asglight.shots.reading import stamp_of
 from asglight.shots.settings import (
     check_fps,

@@ -24,10 +24,10 @@ from typing import Any
 from asglight import __version__
 from asglight.errors import InputError
 from asglight.images.message import compressed, shown
-from asglight.shots.chunks import CHUNK, Part, Parts, Shot, fit_part, follow_to
 from asglight.shots.events import Event, Farmed, FrameDone, Notice, OnProgress, ignore
-from asglight.shots.joining import join
-from asglight.shots.preroll import Followed
+from asglight.shots.parts.chunks import CHUNK, Part, Parts, Shot, fit_part, follow_to
+from asglight.shots.parts.joining import join
+from asglight.shots.parts.preroll import Followed
 
 LOCAL = "local"
 """Address of a cluster that is made for the run, on this machine; `local:4` has 4 workers."""

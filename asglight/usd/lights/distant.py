@@ -17,8 +17,8 @@ from torch import Tensor
 from asglight.lobes import asg
 from asglight.lobes.data import Form, Lobes
 from asglight.usd import schema
-from asglight.usd.emission import intensity_and_color
-from asglight.usd.lights import Light, on_sides
+from asglight.usd.lights.emission import intensity_and_color
+from asglight.usd.lights.light import Light, on_sides
 
 ANISOTROPIC = 1.1
 """Ratio of the sharpnesses, in any frame, from which three lights differ from one."""

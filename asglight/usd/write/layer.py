@@ -18,13 +18,14 @@ from torch import Tensor
 
 from asglight.lobes import LobeTracks, asg, frames
 from asglight.lobes.data import Lobes
-from asglight.usd import cards, distant, schema
-from asglight.usd.authoring import TrackAuthor, constant
+from asglight.usd import schema
 from asglight.usd.digest import author_digest, digest_of_values
-from asglight.usd.lights import Light
+from asglight.usd.lights import cards, distant
+from asglight.usd.lights.light import Light
 from asglight.usd.options import StageOptions
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_for, to_stage
+from asglight.usd.write.authoring import TrackAuthor, constant
 
 LOBE_TOLERANCE = 1e-6
 """Relative. A lobe comes back to float32 rounding, about ten units in the last place."""

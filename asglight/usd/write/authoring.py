@@ -3,7 +3,7 @@
 
 The stage level would take twice the time for the same file. An attribute that does not change
 beyond its tolerance has a default only; any other has a default (the first frame's) and time
-samples, without those that interpolation reproduces (asglight.usd.samples). Lights of one lobe have
+samples, without those that interpolation reproduces (samples.py). Lights of one lobe have
 tracks in common, such as their colour: each is authored once and copied, which takes a tenth of the
 time, and a crate stores it once.
 
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from pxr import Sdf, Vt
 from torch import Tensor
 
-from asglight.usd import samples, schema
+from asglight.usd import schema
+from asglight.usd.write import samples
 
 
 class TrackAuthor:

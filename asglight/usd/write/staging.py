@@ -20,10 +20,10 @@ from pxr import Sdf, Tf
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
-from asglight.usd import card_texture, cards, dome
-from asglight.usd.authoring import TrackAuthor
 from asglight.usd.faults import reason
+from asglight.usd.lights import card_texture, cards, dome
 from asglight.usd.spaces import Space
+from asglight.usd.write.authoring import TrackAuthor
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reading lobe tracks back, also where lights were edited in another program."""
