@@ -14,7 +14,7 @@ help:            ## list the targets
 
 setup: $(VENV)/.ready  ## make the virtual environment
 
-$(VENV)/.ready: pyproject.toml constraints.txt hatch_build.py $(wildcard asglight/fitting/compiled/*.[ch])
+$(VENV)/.ready: pyproject.toml constraints.txt hatch_build.py asglight/c_library.py $(wildcard asglight/*/compiled/*.[ch])
 	@PYTHON=$(PYTHON) sh .ci/system-libraries
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiles the steps of the fit when asglight is installed or a wheel is built.
+"""Compiles the libraries in C when asglight is installed or a wheel is built.
 
-Without a C compiler nothing is lost but speed: the steps are those of torch then.
+Without a C compiler nothing is lost but speed: torch and numpy compute the same then.
 """
 
 import runpy
@@ -10,11 +10,11 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-PLACE = Path("asglight", "fitting", "compiled")
+PACKAGE = Path("asglight")
 
 
-class CompiledSteps(BuildHookInterface):
-    """Puts the compiled library beside its sources, and into the wheel."""
+class CompiledLibraries(BuildHookInterface):
+    """Puts the compiled libraries beside their sources, and into the wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile; say so where that fails.
@@ -23,16 +23,15 @@ class CompiledSteps(BuildHookInterface):
             version: "editable" or "standard".
             build_data: What goes into the wheel.
         """
-        place = Path(self.root) / PLACE
-        library = runpy.run_path(str(place / "library.py"))
-        target = place / library["NAME"]
-        failure = library["compile_library"](place, target)
-        if failure is not None:
-            self.app.display_warning(
-                f"asglight: the steps of the fit are not compiled, {failure}; "
-                "fits work and take about three times as long"
-            )
-        elif version != "editable":
-            build_data["pure_python"] = False
-            build_data["infer_tag"] = True
-            build_data["force_include"][str(target)] = str(PLACE / library["NAME"])
+        root = Path(self.root)
+        libraries = runpy.run_path(str(root / PACKAGE / "c_library.py"))
+        for target, failure in libraries["compile_all"](root / PACKAGE).items():
+            if failure is not None:
+                self.app.display_warning(
+                    f"asglight: {target.name} is not compiled, {failure}; all works, and fits "
+                    "take about three times as long"
+                )
+            elif version != "editable":
+                build_data["pure_python"] = False
+                build_data["infer_tag"] = True
+                build_data["force_include"][str(target)] = str(target.relative_to(root))

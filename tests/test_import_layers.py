@@ -26,8 +26,8 @@ ALLOWED = {
     "cli": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers", "judging", "sky"}
     | {"shots", "export", "viewer"},
 }
-"""Every room may also import asglight.errors, asglight.shader_files, asglight.threads, and
-asglight itself (for its version)."""
+"""Every room may also import asglight.errors, asglight.shader_files, asglight.threads,
+asglight.c_library, and asglight itself (for its version)."""
 
 ONLY_IN = {"pxr": {"usd"}, "moderngl": {"viewer"}, "imgui_bundle": {"viewer"}}
 

@@ -13,6 +13,7 @@ from leaf_cases import CENTRES, POLES, lobes_at, plain_leaves, refined_leaves
 from lobe_cases import DOUBLE, alike, noise
 from torch import Tensor
 
+from asglight import c_library as library
 from asglight.fitting import (
     compiled,
     coordinates,
@@ -24,7 +25,6 @@ from asglight.fitting import (
     probes,
     temporal,
 )
-from asglight.fitting.compiled import library
 from asglight.fitting.coordinates import Between, Leash
 from asglight.fitting.grid import POWERS
 from asglight.lobes import Form, Lobes

@@ -14,8 +14,8 @@ import torch
 from leaf_cases import plain_leaves
 from lobe_cases import DOUBLE, alike
 
+from asglight import c_library as library
 from asglight.fitting import compiled
-from asglight.fitting.compiled import library
 from asglight.lobes import Form, Lobes
 
 pytestmark = pytest.mark.skipif(
@@ -47,7 +47,7 @@ def test_without_the_library_steps_are_those_of_torch(
 ) -> None:
     monkeypatch.setattr(compiled, "__file__", str(tmp_path / "__init__.py"))
     assert compiled.load() is None
-    (tmp_path / library.NAME).write_bytes(b"of another system")
+    (tmp_path / compiled.NAME).write_bytes(b"of another system")
     assert compiled.load() is None
 
 
@@ -56,7 +56,7 @@ def test_a_library_of_other_sources_is_not_used(
 ) -> None:
     for source in Path(compiled.__file__).parent.glob("*.[ch]"):
         shutil.copy(source, tmp_path)
-    assert library.compile_library(tmp_path, tmp_path / library.NAME) is None
+    assert library.compile_library(tmp_path, tmp_path / compiled.NAME) is None
     monkeypatch.setattr(compiled, "__file__", str(tmp_path / "__init__.py"))
     assert compiled.load() is not None
     with (tmp_path / "steps.c").open("a") as changed:
@@ -71,10 +71,10 @@ def test_a_processor_that_is_too_old_is_left_to_torch(monkeypatch: pytest.Monkey
 
 
 def test_the_library_is_compiled_and_put_in_place_whole(tmp_path: Path) -> None:
-    target = tmp_path / library.NAME
+    target = tmp_path / compiled.NAME
     place = Path(compiled.__file__).parent
     assert library.compile_library(place, target) is None
-    assert [path.name for path in tmp_path.iterdir()] == [library.NAME]
+    assert [path.name for path in tmp_path.iterdir()] == [compiled.NAME]
     code = f"import ctypes; ctypes.CDLL({str(target)!r}).asglight_probe"
     subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -87,7 +87,7 @@ def test_a_compiler_that_fails_is_told_and_changes_nothing(
     compiler: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CC", compiler)
-    target = tmp_path / library.NAME
+    target = tmp_path / compiled.NAME
     target.write_bytes(b"before")
     failure = library.compile_library(Path(compiled.__file__).parent, target)
     assert failure is not None
@@ -101,5 +101,5 @@ def test_a_machine_without_a_compiler_is_told(
 ) -> None:
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", os.fspath(tmp_path))
-    failure = library.compile_library(tmp_path, tmp_path / library.NAME)
+    failure = library.compile_library(tmp_path, tmp_path / compiled.NAME)
     assert failure == "no C compiler was found (cc, gcc, or what CC names)"

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from asglight.c_library import LIBRARIES, X86, fingerprint
 from asglight.fitting.compiled import layout
 from asglight.fitting.compiled.layout import Leaves, Probes, Target
-from asglight.fitting.compiled.library import NAME, X86, fingerprint
 from asglight.fitting.grid import Grid
 from asglight.lobes import Form, Lobes
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from asglight.fitting import leaves as places
     from asglight.fitting import objective
     from asglight.fitting.lobe_images import Images
+
+NAME = LIBRARIES["fitting/compiled"]
 
 LANE = 8
 """Of steps.h: so many leaves are taken at a time."""

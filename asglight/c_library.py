@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The compiled library: where it is and how it is made.
+"""The compiled libraries: where they are and how they are made.
 
-It knows nothing else of asglight, for it is made before that can be imported (hatch_build.py).
+It knows nothing else of asglight, for they are made before that can be imported (hatch_build.py):
+
+    python asglight/c_library.py        # compiles them beside their sources
 """
 
 import hashlib
@@ -13,12 +15,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-SOURCES = (
-    *("product.c", "lobes.c", "probes.c", "objective.c", "equations.c", "steps.c"),
-    *("light.c", "minimise.c"),
-)
-
-NAME = "steps.so"
+LIBRARIES = {"fitting/compiled": "steps.so"}
+"""Of each folder of asglight/ that holds sources in C, the library that they make."""
 
 X86 = ("x86_64", "AMD64")
 
@@ -44,12 +42,13 @@ def compiler() -> str | None:
     return os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
 
 
-def compile_library(folder: Path, target: Path) -> str | None:
-    """Compile the sources in a folder.
+def compile_library(folder: Path, target: Path, *, march: bool = True) -> str | None:
+    """Compile the sources in a folder into one library.
 
     Args:
         folder: Where they are.
         target: The library to write; it is written beside it and renamed.
+        march: Compile for processors with AVX2 (MARCH) where they are of that kind.
 
     Returns:
         Why it could not be compiled; None if it was.
@@ -58,11 +57,11 @@ def compile_library(folder: Path, target: Path) -> str | None:
     if command is None or sys.platform == "win32":
         return "no C compiler was found (cc, gcc, or what CC names)"
     flags = [*FLAGS, f'-DSOURCES="{fingerprint(folder)}"']
-    if platform.machine() in X86:
+    if march and platform.machine() in X86:
         flags.append(MARCH)
     with tempfile.TemporaryDirectory(dir=target.parent) as beside:
         made = Path(beside) / target.name
-        sources = [str(folder / source) for source in SOURCES]
+        sources = sorted(map(str, folder.glob("*.c")))
         whole = [*command.split(), *flags, "-o", str(made), *sources, "-lm"]
         try:
             done = subprocess.run(whole, capture_output=True, text=True, check=False)
@@ -73,3 +72,21 @@ def compile_library(folder: Path, target: Path) -> str | None:
             return f"{command}: {lines[0] if lines else f'exit status {done.returncode}'}"
         made.replace(target)
     return None
+
+
+def compile_all(package: Path) -> dict[Path, str | None]:
+    """Compile every library beside its sources.
+
+    Args:
+        package: The folder asglight/.
+
+    Returns:
+        Of each library, why it could not be compiled; None if it was.
+    """
+    targets = [package / folder / name for folder, name in LIBRARIES.items()]
+    return {target: compile_library(target.parent, target) for target in targets}
+
+
+if __name__ == "__main__":
+    for library, failure in compile_all(Path(__file__).parent).items():
+        print(f"{library}: {failure or 'compiled'}")
