@@ -15,7 +15,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-LIBRARIES = {"fitting/compiled": "steps.so"}
+LIBRARIES = {"fitting/compiled": "steps.so", "images/compiled": "reduction.so"}
 """Of each folder of asglight/ that holds sources in C, the library that they make."""
 
 X86 = ("x86_64", "AMD64")
@@ -26,9 +26,10 @@ FLAGS = (
     *("-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"),
 )
 
-MARCH = "-march=x86-64-v3"
-"""AVX2 and FMA: Intel's processors since 2013, AMD's since 2015. With vectors of AVX-512 products
-are no faster on processors that compute their halves one after the other."""
+X86_FLAGS = {"steps.so": ("-march=x86-64-v3",)}
+"""Of a library that is loaded only where the processor has AVX2 and FMA (Intel's since 2013, AMD's
+since 2015); others ask the processor when they run. With vectors of AVX-512 products are no faster
+on processors that compute their halves one after the other."""
 
 
 def fingerprint(folder: Path) -> str:
@@ -42,13 +43,12 @@ def compiler() -> str | None:
     return os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
 
 
-def compile_library(folder: Path, target: Path, *, march: bool = True) -> str | None:
+def compile_library(folder: Path, target: Path) -> str | None:
     """Compile the sources in a folder into one library.
 
     Args:
         folder: Where they are.
         target: The library to write; it is written beside it and renamed.
-        march: Compile for processors with AVX2 (MARCH) where they are of that kind.
 
     Returns:
         Why it could not be compiled; None if it was.
@@ -57,8 +57,8 @@ def compile_library(folder: Path, target: Path, *, march: bool = True) -> str | 
     if command is None or sys.platform == "win32":
         return "no C compiler was found (cc, gcc, or what CC names)"
     flags = [*FLAGS, f'-DSOURCES="{fingerprint(folder)}"']
-    if march and platform.machine() in X86:
-        flags.append(MARCH)
+    if platform.machine() in X86:
+        flags += X86_FLAGS.get(target.name, ())
     with tempfile.TemporaryDirectory(dir=target.parent) as beside:
         made = Path(beside) / target.name
         sources = sorted(map(str, folder.glob("*.c")))

@@ -30,11 +30,7 @@ from asglight.images.decoding.decoders import APART, HERE
 PARTS: dict[str, tuple[str, ...]] = {
     "fit of the frames": ("asglight.shots.frames.fit_frame",),
     "second reading": ("asglight.shots.rounds.refined",),
-    "repairs": (
-        "asglight.images.repair.Repairing.__init__",
-        "asglight.images.repair.Repairing.repaired",
-        "asglight.images.repair.Repairing.account",
-    ),
+    "repairs": ("asglight.images.repair.Tally.account",),
     "light, with its ridge": ("asglight.fitting.light.relight",),
     "sending free lobes": ("asglight.fitting.following.lit_where_worth",),
     "wider sight for a lost lamp": ("asglight.fitting.following.found_again",),

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A latlong image: read, checked, repaired, converted to Rec.709, reduced."""
 
-import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +12,7 @@ from asglight.images import colour, ocio
 from asglight.images.decoding import decode
 from asglight.images.decoding.decoders import HERE, Decoder
 from asglight.images.message import shown
-from asglight.images.repair import Repair, Repairing
-from asglight.sphere import latlong
+from asglight.images.repair import Repair
 
 # What an image of some other width : height usually is.
 _SHAPES = {
@@ -77,18 +75,15 @@ def read_latlong(
     check_height(height)
     header = read_header(Path(path), layer, decoder)
     source = header.chromaticities if colorspace is None else _chromaticities(colorspace)
-    matrix = None if source is None else torch.from_numpy(colour.to_rec709(source))
+    matrix = None if source is None else colour.to_rec709(source)
     size = (header.height, header.width)
     rows = header.height if height is None else min(height, header.height)
-    repairing = Repairing(*size, matrix)
-    with contextlib.closing(decoder.strips(header)) as strips:
-        repaired = (repairing.repaired(torch.from_numpy(strip)) for strip in strips)
-        radiance = latlong.reduce_strips(repaired, size, rows, 2 * rows)
+    values, tally = decoder.pixels(header, rows, matrix)
     return LatlongImage(
-        radiance=radiance,
+        radiance=torch.from_numpy(values),
         path=header.path,
         source_shape=size,
-        repair=repairing.account(radiance),
+        repair=tally.account(values),
         converted_from=None if source is None else colour.name_of(source),
     )
 

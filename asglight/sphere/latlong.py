@@ -9,7 +9,6 @@ Symbols: H, W rows and columns; P query directions; u, v in [0, 1] from the top 
 """
 
 import math
-from collections.abc import Iterable
 
 import torch
 from torch import Tensor
@@ -110,7 +109,7 @@ def reduce(radiance: Tensor, height: int, width: int) -> Tensor:
     if radiance.shape[:2] == (height, width):
         return radiance
     if radiance.shape[0] % height == 0 and radiance.shape[1] % width == 0:
-        areas = _row_areas(radiance.shape[0], 0, radiance.shape[0]).reshape(height, -1)
+        areas = torch.diff(_band_edges(radiance.shape[0])).reshape(height, -1)
         return _block_means(radiance, areas, width)
     rows = _overlap(_band_edges(radiance.shape[0]), _band_edges(height)).to(radiance)
     columns = _overlap(_column_edges(radiance.shape[1]), _column_edges(width)).to(radiance)
@@ -131,53 +130,6 @@ def split(radiance: Tensor, rows: int) -> Tensor:
     height, width = radiance.shape[:2]
     factor = -(-rows // height)
     return reduce(radiance, factor * height, factor * width)
-
-
-def reduce_strips(
-    strips: Iterable[Tensor], size: tuple[int, int], height: int, width: int
-) -> Tensor:
-    """Average a map that comes in strips of whole rows, from top to bottom, as `reduce` does.
-
-    Args:
-        strips: Rows of the map, one strip after the other.  [rows, W, C]
-        size: Rows and columns of the whole map.
-        height: Rows of the result.
-        width: Columns of the result.
-
-    Returns:
-        Map of the same dtype.  [height, width, C]
-    """
-    result, top = torch.zeros(0), 0
-    for strip in strips:
-        if top == 0:
-            result = strip.new_zeros(height, width, strip.shape[-1])
-        bottom = top + len(strip)
-        high = max(size[0] // height, 1)
-        is_whole = not (size[0] % height or size[1] % width or top % high or len(strip) % high)
-        if is_whole:
-            areas = _row_areas(size[0], top, bottom).reshape(-1, high)
-            result[top // high : bottom // high] = _block_means(strip, areas, width)
-        else:
-            _add_means(result, strip, size, top)
-        top = bottom
-    return result
-
-
-def _add_means(result: Tensor, strip: Tensor, size: tuple[int, int], top: int) -> None:
-    """Add to a reduced map, in place, what the rows of a map from `top` on contribute."""
-    height, width = result.shape[:2]
-    rows = _overlap(_band_edges(size[0]), _band_edges(height))[:, top : top + len(strip)]
-    columns = _overlap(_column_edges(size[1]), _column_edges(width))
-    touched = torch.nonzero(rows.any(dim=1)).flatten()
-    low, high = int(touched[0]), int(touched[-1]) + 1
-    by_row = rows[low:high].to(strip) @ strip.flatten(1)  # [high - low, W C]
-    result[low:high] += columns.to(strip) @ by_row.reshape(high - low, *strip.shape[1:])
-
-
-def _row_areas(height: int, top: int, bottom: int) -> Tensor:
-    """Return the areas of some rows, each over a step in longitude of 1.  [bottom - top]."""
-    edges = torch.linspace(0, math.pi, height + 1, dtype=torch.float64)[top : bottom + 1]
-    return -torch.diff(torch.cos(edges))
 
 
 def _block_means(rows: Tensor, areas: Tensor, width: int) -> Tensor:

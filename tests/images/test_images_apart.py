@@ -181,7 +181,7 @@ def test_threads_have_a_process_each(tmp_path: Path) -> None:
     header = read_header(path)
 
     def work() -> None:
-        for _ in decoder.strips(header):
+        with decoder._lent(header.path):
             both.wait(60)
 
     threads = [threading.Thread(target=work) for _ in range(2)]

@@ -9,12 +9,16 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from asglight.sphere import latlong
+from asglight.sphere import latlong, overlaps
 
 sizes = st.tuples(st.integers(1, 23), st.integers(1, 31))
 
 ROUNDING = 1e-13
 """Relative, float64: sums of at most a thousand terms."""
+
+SLIVER = 1e-9
+"""Relative: what two bands near a pole share may be a thousandth of them, and is a difference of
+rounded cosines."""
 
 
 def _random_map(height: int, width: int, seed: int = 0) -> torch.Tensor:
@@ -133,21 +137,36 @@ def test_split_repeats_texels_until_there_are_rows_enough(rows: int, factor: int
     torch.testing.assert_close(latlong.split(radiance, rows), expected, rtol=1e-14, atol=0)
 
 
-@given(sizes, sizes, st.integers(1, 9))
+def _mean(overlap: overlaps.Overlap, values: np.ndarray) -> np.ndarray:
+    places = overlap.first[:, None] + np.arange(overlap.shares.shape[1])
+    return (overlap.shares[..., None] * values[places]).sum(1)
+
+
+@given(fine=sizes, coarse=sizes)
 @settings(deadline=None)
-def test_strips_are_reduced_as_the_whole(
-    source: tuple[int, int], target: tuple[int, int], rows: int
-) -> None:
-    radiance = _random_map(*source)
-    strips = radiance.split(rows)
-    reduced = latlong.reduce_strips(strips, source, *target)
-    # a row's area is a difference of sines, which near a pole are equal to two digits or three
-    np.testing.assert_allclose(
-        reduced.numpy(), latlong.reduce(radiance, *target).numpy(), rtol=10 * ROUNDING
-    )
+def test_overlaps_are_the_area_average(fine: tuple[int, int], coarse: tuple[int, int]) -> None:
+    rows, columns = map(min, fine, coarse)
+    radiance = _random_map(*fine, seed=2).numpy()
+    by_row = _mean(overlaps.rows(fine[0], rows), radiance.reshape(fine[0], -1))
+    across = by_row.reshape(rows, fine[1], 3).swapaxes(0, 1).reshape(fine[1], -1)
+    reduced = _mean(overlaps.columns(fine[1], columns), across).reshape(columns, rows, 3)
+    expected = latlong.reduce(torch.from_numpy(radiance), rows, columns).numpy()
+    np.testing.assert_allclose(reduced.swapaxes(0, 1), expected, rtol=SLIVER)
 
 
-def test_strips_of_whole_texels_are_reduced_to_the_bit() -> None:
-    radiance = _random_map(64, 128).float()
-    reduced = latlong.reduce_strips(radiance.split(16), (64, 128), 8, 16)
-    assert torch.equal(reduced, latlong.reduce(radiance, 8, 16))
+@pytest.mark.parametrize(("fine", "coarse"), [(2048, 256), (300, 300), (4320, 256), (7, 1)])
+def test_a_coarse_texel_touches_no_more_fine_ones_than_it_covers(fine: int, coarse: int) -> None:
+    overlap = overlaps.rows(fine, coarse)
+    # a ratio that is not whole needs one more at each end
+    most = fine // coarse + (2 if fine % coarse else 0)
+    assert overlap.shares.shape[1] <= most
+    assert overlap.shares.sum(1) == pytest.approx(1, rel=ROUNDING)
+    assert overlap.first.min() == 0
+    assert int(overlap.first[-1]) + overlap.shares.shape[1] == fine
+
+
+def test_solid_angles_of_rows_are_those_of_texels() -> None:
+    of_texels = latlong.texel_solid_angles(9, 5, dtype=torch.float64)[:, 0]
+    found = overlaps.row_solid_angles(9, 5)
+    np.testing.assert_allclose(found, of_texels.numpy(), rtol=1e-14)
+    assert found.sum() == pytest.approx(4 * math.pi / 5, rel=ROUNDING)

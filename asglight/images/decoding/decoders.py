@@ -2,14 +2,14 @@
 """Where an image is decoded: in this process, or apart from it, so that no file can end a fit.
 
 Apart is a process (apart.py) that afterwards waits for the next image that is wanted, by whatever
-thread. It is an interpreter with numpy and OpenImageIO, without torch. Pixels come back through
-shared memory, so they are copied once.
+thread. It is an interpreter with numpy, OpenImageIO and OpenEXR, without torch. It repairs and
+reduces what it decodes; the result comes back through shared memory, so it is copied once.
 """
 
 import atexit
 import os
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,8 +19,15 @@ import numpy as np
 from asglight.errors import InputError
 from asglight.images.decoding.apart import Apart, ApartError
 from asglight.images.decoding.decode import DamagedError, Header, read_header, unreadable
-from asglight.images.decoding.decoding_process import SLOTS, from_json, to_json
-from asglight.images.decoding.strips import STRIP_ROWS, read_strips
+from asglight.images.decoding.decoding_process import (
+    SLOTS,
+    from_json,
+    row_bytes,
+    slot_rows,
+    to_json,
+)
+from asglight.images.decoding.strips import reduced_strips
+from asglight.images.repair import Tally
 
 
 class Decoder(Protocol):
@@ -30,8 +37,14 @@ class Decoder(Protocol):
         """Read what a file says of its image, as `decode.read_header`."""
         ...
 
-    def strips(self, header: Header) -> Generator[np.ndarray]:
-        """Decode the image, as `strips.read_strips`; a strip lasts until the next one."""
+    def pixels(
+        self, header: Header, height: int, matrix: np.ndarray | None
+    ) -> tuple[np.ndarray, Tally]:
+        """Decode, repair and average the image, as `strips.reduced_strips`.
+
+        Returns:
+            Result, [height, 2 height, 3] float32, and what was repaired.
+        """
         ...
 
 
@@ -42,9 +55,19 @@ class Here:
         """Read what a file says of its image."""
         return read_header(path, layer)
 
-    def strips(self, header: Header) -> Generator[np.ndarray]:
-        """Decode the image."""
-        yield from read_strips(header)
+    def pixels(
+        self, header: Header, height: int, matrix: np.ndarray | None
+    ) -> tuple[np.ndarray, Tally]:
+        """Decode, repair and average the image."""
+        result, row = np.empty((height, 2 * height, 3), np.float32), 0
+        strips = reduced_strips(header, height, matrix)
+        while True:
+            try:
+                rows = next(strips)
+            except StopIteration as end:
+                return result, end.value
+            result[row : row + len(rows)] = rows
+            row += len(rows)
 
 
 class Elsewhere:
@@ -68,25 +91,36 @@ class Elsewhere:
             process.tell({"path": str(path), "layer": layer, "folder": os.getcwd()})
             return from_json(_checked(process.reply(), path)["header"])
 
-    def strips(self, header: Header) -> Generator[np.ndarray]:
-        """Decode the image.
+    def pixels(
+        self, header: Header, height: int, matrix: np.ndarray | None
+    ) -> tuple[np.ndarray, Tally]:
+        """Decode, repair and average the image.
 
         Raises:
-            DamagedError: As `read_strips`; or the file ends the process, or occupies it for too
+            DamagedError: As `reduced_strips`; or the file ends the process, or occupies it for too
                 long.
         """
-        slot = 4 * 3 * header.width * min(STRIP_ROWS, header.height)
+        slot = slot_rows(height) * row_bytes(height)
+        result, row = np.empty((height, 2 * height, 3), np.float32), 0
+        request = {
+            "header": to_json(header),
+            "height": height,
+            "matrix": None if matrix is None else matrix.tolist(),
+            "folder": os.getcwd(),
+        }
         with self._lent(header.path) as process:
             memory = process.grow(SLOTS * slot)
-            process.tell({"header": to_json(header), "slot": slot, "folder": os.getcwd()})
-            number = rows = 0
-            while (shape := _checked(process.reply(), header.path)["shape"]) is not None:
-                count = shape[0] * shape[1] * shape[2]
-                strip = np.frombuffer(memory, np.float32, count, number % SLOTS * slot)
-                yield strip.reshape(shape)
-                number, rows = number + 1, rows + shape[0]
+            process.tell(request)
+            number = 0
+            while (reply := _checked(process.reply(), header.path))["rows"]:
+                rows = reply["rows"]
+                values = np.frombuffer(memory, np.float32, rows * 6 * height, number % SLOTS * slot)
+                result[row : row + rows] = values.reshape(rows, 2 * height, 3)
+                number, row = number + 1, row + rows
                 process.tell({})  # a slot is free
-            assert rows == header.height, (rows, header)
+        assert row == height, (row, header)
+        tally = reply["tally"]
+        return result, Tally(**tally | {"first": tally["first"] and tuple(tally["first"])})
 
     def close(self) -> None:
         """End the processes that wait."""

@@ -1,18 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the process that decodes images does: headers, and pixels in strips (decoders.py)."""
+"""What the process that decodes images does: headers, and pixels repaired and reduced."""
 
 import dataclasses
 import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from asglight.images.decoding.apart_child import Channel, allow_memory
-from asglight.images.decoding.decode import Header, read_header, unreadable
+from asglight.images.decoding.decode import Header, read_header
 from asglight.images.decoding.layers import Layer
-from asglight.images.decoding.strips import read_strips
+from asglight.images.decoding.strips import reduced_strips
 
 SLOTS = 2
-"""Strips in the shared memory: while one is repaired and reduced, the next is decoded."""
+"""In the shared memory: while the rows in one are taken, the other is filled."""
+
+SLOT_BYTES = 2**24
+"""Of a slot, at most: a frame of 1024 x 512 float32 texels at once, and one of the fit's 512 x 256
+four times over, so that the process that fits is asked once a frame."""
 
 MEMORY_FACTOR = 4
 """Times the declared size of the image, with all its channels, that decoding may take."""
@@ -22,11 +28,12 @@ MEMORY_FREE = 256 * 2**20
 
 
 def handle(request: dict[str, Any], channel: Channel) -> None:
-    """Answer `{path, layer, folder}` with the header, `{header, slot, folder}` with the pixels.
+    """Answer `{path, layer, folder}` by the header, `{header, height, matrix, folder}` by pixels.
 
-    A slot is the size of a strip in bytes; strips lie in the shared memory, in turn at 0 and after
-    one slot. Each is told by its shape, and after the last one none. The first SLOTS are written at
-    once, each later one when a request says that a slot is free.
+    Rows of the result lie in the shared memory, as many as `slot_rows` says in a slot, in turn at 0
+    and after one slot. Each slot is told by its number of rows, and after the last one what was
+    repaired. The first SLOTS are written at once, each later one when a request says that a slot is
+    free.
     """
     if "folder" in request:  # this process may have been started in another one
         os.chdir(request["folder"])
@@ -37,8 +44,19 @@ def handle(request: dict[str, Any], channel: Channel) -> None:
     elif "header" in request:  # else a slot that became free when there was nothing left to write
         header = from_json(request["header"])
         allow_memory(MEMORY_FREE + MEMORY_FACTOR * header.stored_bytes)
-        _tell_strips(header, channel, request["slot"])
-        channel.tell({"shape": None})
+        given = request["matrix"]
+        matrix = None if given is None else np.array(given)
+        _tell_rows(header, request["height"], matrix, channel)
+
+
+def slot_rows(height: int) -> int:
+    """Return how many rows of a result a slot takes."""
+    return min(height, max(1, SLOT_BYTES // row_bytes(height)))
+
+
+def row_bytes(height: int) -> int:
+    """Return the size of a row of a result: 2 * height texels of three float32."""
+    return 2 * height * 3 * 4
 
 
 def to_json(header: Header) -> dict[str, Any]:
@@ -60,13 +78,28 @@ def from_json(values: dict[str, Any]) -> Header:
     )
 
 
-def _tell_strips(header: Header, channel: Channel, slot: int) -> None:
-    memory = channel.memory(SLOTS * slot)
-    for number, strip in enumerate(read_strips(header)):
-        if number >= SLOTS and channel.next_request() is None:
-            return
-        if strip.nbytes > slot:
-            raise unreadable(header.path, "it changed while it was read")
-        place = number % SLOTS * slot
-        memory[place : place + strip.nbytes] = strip.data.cast("B")
-        channel.tell({"shape": strip.shape})
+def _tell_rows(header: Header, height: int, matrix: np.ndarray | None, channel: Channel) -> None:
+    count = slot_rows(height)
+    memory = channel.memory(SLOTS * count * row_bytes(height))
+    slots = np.frombuffer(memory, np.float32).reshape(-1, count, 2 * height, 3)
+    strips = reduced_strips(header, height, matrix, is_quiet=True)
+    number = filled = 0
+    while True:
+        try:
+            rows = next(strips)
+        except StopIteration as end:
+            tally = end.value
+            break
+        while len(rows):
+            if filled == 0 and number >= SLOTS and channel.next_request() is None:
+                return
+            taken = rows[: count - filled]
+            slots[number % SLOTS, filled : filled + len(taken)] = taken
+            rows = rows[len(taken) :]
+            filled += len(taken)
+            if filled == count:
+                channel.tell({"rows": filled})
+                number, filled = number + 1, 0
+    if filled:
+        channel.tell({"rows": filled})
+    channel.tell({"rows": 0, "tally": dataclasses.asdict(tally)})

@@ -1,7 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decoding the pixels of an image in strips of whole rows: it need not fit in memory."""
+"""Decoding the pixels of an image in strips of whole rows: it need not fit in memory.
 
-from collections.abc import Iterator
+There are two decoders. OpenImageIO reads whatever asglight reads, and says what is wrong with what
+cannot be read. The package OpenEXR is twice as fast (exr_chunks.py), but prints what it meets in
+damaged files: it is used where nobody sees that, in a process of its own (decoding_process.py).
+Tests hold one against the other.
+"""
+
+import contextlib
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,41 +16,175 @@ import OpenImageIO
 
 from asglight.errors import InputError
 from asglight.images.decoding.decode import Header, finding, opened, unreadable
+from asglight.images.decoding.exr_chunks import ExrChunks, Unusual
+from asglight.images.decoding.reduction import Planes, Reduction
 from asglight.images.message import shown
+from asglight.images.repair import Tally
 
-# A strip is decoded at once. 256 rows are the largest chunk of OpenEXR (DWAB), so no chunk that
-# begins where a strip begins is decoded twice; at 32768 columns they take 100 MB.
+# OpenImageIO decodes a strip at once. 256 rows are the largest chunk of OpenEXR (DWAB), so no chunk
+# is decoded twice; at 32768 columns they take 100 MB.
 STRIP_ROWS = 256
 
 
-def read_strips(header: Header) -> Iterator[np.ndarray]:
-    """Decode the image from top to bottom: upright, display window only, 0 outside the data window.
+def reduced_strips(
+    header: Header,
+    height: int,
+    matrix: np.ndarray | None = None,
+    *,
+    is_quiet: bool = False,
+) -> Generator[np.ndarray, None, Tally]:
+    """Decode, repair and average the image from top to bottom, as `Reduction`.
+
+    Args:
+        header: The image.
+        height: Rows of the result.
+        matrix: From the file's primaries to Rec.709; None where they are.  [3, 3]
+        is_quiet: Nobody sees what libraries print.
 
     Yields:
-        STRIP_ROWS rows, the last time fewer: values in the file's primaries, whatever the file
-        stores.  [rows, W, 3] float32
+        Some rows of the result.  [rows, w, 3] float32
+
+    Returns:
+        What was repaired.
 
     Raises:
         DamagedError: The pixels are damaged or incomplete.
         InputError: They lie outside the display window, or do not fit in memory.
     """
-    starts = range(0, header.height, STRIP_ROWS)
-    with opened(header.path) as reader:
-        spec = reader.spec(header.layer.part, 0)
-        if header.axes == ("-Y", "+X"):
-            columns = _columns_shown(header.path, spec)
-            for top in starts:
-                bottom = min(top + STRIP_ROWS, header.height)
-                yield _strip(reader, spec, header, top, bottom, columns)
-        else:  # an old Radiance file of which any row may hold the top: turned as a whole
-            stored = _rows(reader, spec, header, spec.y, spec.y + spec.height)
-            upright = _upright(stored, header.axes)
-            yield from (upright[top : top + STRIP_ROWS] for top in starts)
+    reduction = Reduction((header.height, header.width), height, matrix)
+    for planes in read_strips(header, is_quiet=is_quiet):
+        rows = reduction.add(planes)
+        if len(rows):
+            yield rows
+    return reduction.tally
 
 
 def read_pixels(header: Header) -> np.ndarray:
     """Decode the whole image, as `read_strips`.  [H, W, 3] float32."""
-    return np.concatenate([*read_strips(header)])
+    strips = [np.stack(planes, axis=-1).astype(np.float32) for planes in read_strips(header)]
+    return np.concatenate(strips)
+
+
+def read_strips(header: Header, *, is_quiet: bool = False) -> Iterator[Planes]:
+    """Decode the image from top to bottom: upright, display window only, 0 outside the data window.
+
+    Args:
+        header: The image.
+        is_quiet: Nobody sees what libraries print.
+
+    Yields:
+        Some rows: values in the file's primaries, whatever the file stores.  [rows, W]
+
+    Raises:
+        DamagedError: The pixels are damaged or incomplete.
+        InputError: They lie outside the display window, or do not fit in memory.
+    """
+    with opened(header.path) as reader:
+        spec = reader.spec(header.layer.part, 0)
+        if header.axes == ("-Y", "+X"):
+            columns = _columns_shown(header.path, spec)
+            with contextlib.ExitStack() as stack:
+                chunks = _chunks(reader, spec, header) if is_quiet else None
+                if chunks is not None:
+                    stack.callback(chunks.close)
+                yield from _displayed(_decoded(reader, spec, header, chunks), spec, columns)
+        else:  # an old Radiance file of which any row may hold the top: turned as a whole
+            stored = _rows(reader, spec, header, spec.y, spec.y + spec.height)
+            upright = _upright(np.stack(stored, axis=-1), header.axes)
+            for top in range(0, header.height, STRIP_ROWS):
+                yield _planes(upright[top : top + STRIP_ROWS])
+
+
+def _chunks(
+    reader: OpenImageIO.ImageInput, spec: OpenImageIO.ImageSpec, header: Header
+) -> ExrChunks | None:
+    """Return what reads the file quickly; None where nothing does."""
+    if reader.format_name() != "openexr":
+        return None
+    red, green, blue = (spec.channelnames[channel] for channel in header.layer.channels)
+    try:
+        chunks = ExrChunks(header.path, header.layer.part, (red, green, blue))
+    except (Unusual, OSError):
+        return None
+    window = (spec.x, spec.y, spec.x + spec.width - 1, spec.y + spec.height - 1)
+    if chunks.window != window:
+        chunks.close()
+        return None
+    return chunks
+
+
+def _decoded(
+    reader: OpenImageIO.ImageInput,
+    spec: OpenImageIO.ImageSpec,
+    header: Header,
+    chunks: ExrChunks | None,
+) -> Iterator[tuple[int, Planes]]:
+    """Decode the data window from top to bottom.
+
+    Yields:
+        The first row, counted as the file does, and some rows from it on.  [rows, w]
+    """
+    low, high = spec.full_y, spec.full_y + spec.full_height  # of what is shown
+    end = spec.y + spec.height
+    starts = range(spec.y, end, STRIP_ROWS)
+    spans = [(top, min(top + STRIP_ROWS, end)) for top in starts]
+    for begin, after in spans if chunks is None else chunks.spans():
+        if after <= low or begin >= high:
+            continue
+        planes = None
+        if chunks is not None:
+            with contextlib.suppress(Unusual, OSError):
+                planes = chunks.planes(begin, after)
+        yield begin, planes or _rows(reader, spec, header, begin, after)
+
+
+def _displayed(
+    decoded: Iterator[tuple[int, Planes]],
+    spec: OpenImageIO.ImageSpec,
+    columns: tuple[slice, slice],
+) -> Iterator[Planes]:
+    """Crop strips of the data window to the display window, and fill it with 0.
+
+    Args:
+        decoded: The strips that have rows of it, as `_decoded`.
+        spec: Of the layer's part.
+        columns: As `_columns_shown`.
+    """
+    low, high = spec.full_y, spec.full_y + spec.full_height
+    row = low
+    for begin, planes in decoded:
+        yield from _black(begin - row, spec.full_width)
+        skipped = max(low - begin, 0)
+        red, green, blue = (plane[skipped : high - begin] for plane in planes)
+        row = begin + skipped + len(red)
+        if columns[0] == columns[1] and red.shape[1] == spec.full_width:
+            yield red, green, blue
+        else:
+            yield _placed((red, green, blue), spec.full_width, columns)
+    yield from _black(high - row, spec.full_width)
+
+
+def _black(rows: int, width: int) -> Iterator[Planes]:
+    for top in range(0, rows, STRIP_ROWS):
+        plane = np.zeros((min(STRIP_ROWS, rows - top), width), np.float32)
+        yield plane, plane, plane
+
+
+def _placed(planes: Planes, width: int, columns: tuple[slice, slice]) -> Planes:
+    canvas = np.zeros((3, len(planes[0]), width), planes[0].dtype)
+    for plane, place in zip(planes, canvas, strict=True):
+        place[:, columns[0]] = plane[:, columns[1]]
+    return _split(canvas)
+
+
+def _planes(values: np.ndarray) -> Planes:
+    """Split pixels into planes.  [rows, W, 3]."""
+    return _split(np.ascontiguousarray(np.moveaxis(values, -1, 0)))
+
+
+def _split(values: np.ndarray) -> Planes:
+    red, green, blue = values
+    return red, green, blue
 
 
 def _rows(
@@ -52,8 +193,10 @@ def _rows(
     header: Header,
     begin: int,
     end: int,
-) -> np.ndarray:
-    """Decode the layer in some rows of the data window, all channels at once where they adjoin.
+) -> Planes:
+    """Let OpenImageIO decode the layer in some rows of the data window.
+
+    All channels are decoded at once where they adjoin.
 
     Args:
         reader: The open file.
@@ -63,7 +206,7 @@ def _rows(
         end: Row after the last.
 
     Returns:
-        [end - begin, w, 3] float32
+        Red, green and blue.  [end - begin, w] float32
     """
     red, green, blue = header.layer.channels
     integer = [
@@ -79,16 +222,16 @@ def _rows(
     for span, is_integer in zip(spans, integer, strict=False):
         # Asked for float, the library would scale integers to 0..1; their value is meant.
         stored = OpenImageIO.UINT32 if is_integer else OpenImageIO.FLOAT
-        plane = _decoded(reader, spec, header.layer.part, (begin, end), span, stored)
-        if plane is None:
+        found = _read(reader, spec, header.layer.part, (begin, end), span, stored)
+        if found is None:
             raise unreadable(header.path, finding(reader))
-        shaped = plane.reshape(end - begin, spec.width, span[1] - span[0])
-        planes.append(shaped.astype(np.float32, copy=False))
-    values = planes[0] if len(planes) == 1 else np.concatenate(planes, axis=-1)
-    return values if values.shape[-1] == 3 else values.repeat(3, axis=-1)
+        shaped = found.reshape(end - begin, spec.width, span[1] - span[0])
+        planes += [*np.moveaxis(shaped.astype(np.float32, copy=False), -1, 0)]
+    first, *others = map(np.ascontiguousarray, planes)
+    return (first, others[0], others[1]) if others else (first, first, first)
 
 
-def _decoded(
+def _read(
     reader: OpenImageIO.ImageInput,
     spec: OpenImageIO.ImageSpec,
     part: int,
@@ -124,29 +267,6 @@ def _columns_shown(path: Path, spec: OpenImageIO.ImageSpec) -> tuple[slice, slic
             "overlap. Was it cropped by mistake?"
         )
     return columns, slice(columns.start - left, columns.stop - left)
-
-
-def _strip(
-    reader: OpenImageIO.ImageInput,
-    spec: OpenImageIO.ImageSpec,
-    header: Header,
-    top: int,
-    bottom: int,
-    columns: tuple[slice, slice],
-) -> np.ndarray:
-    """Decode some rows of the display window, cropping the data window and filling with 0."""
-    first = max(top + spec.full_y, spec.y)
-    last = min(bottom + spec.full_y, spec.y + spec.height)
-    shape = (bottom - top, spec.full_width, 3)
-    if first >= last:
-        return np.zeros(shape, dtype=np.float32)
-    values = _rows(reader, spec, header, first, last)
-    if values.shape == shape and columns[0] == columns[1]:
-        return values
-    canvas = np.zeros(shape, dtype=np.float32)
-    rows = slice(first - spec.full_y - top, last - spec.full_y - top)
-    canvas[rows, columns[0]] = values[:, columns[1]]
-    return canvas
 
 
 def _upright(values: np.ndarray, axes: tuple[str, str]) -> np.ndarray:
