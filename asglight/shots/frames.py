@@ -16,6 +16,7 @@ from asglight.images import Sequence
 from asglight.images.message import shown
 from asglight.lobes import Lobes
 from asglight.shots.events import FrameDone, OnProgress, StepDone
+from asglight.shots.kept_frames import KeptFrames
 from asglight.shots.reading import ReadFrame, read_ahead
 from asglight.shots.records import FrameRecord, own_frames
 
@@ -42,6 +43,7 @@ def fit_frames(
     on_progress: OnProgress,
     on_image: OnImage = no_image,
     start: list[Lobes] | None = None,
+    images: KeptFrames | None = None,
 ) -> Iterator[FrameRecord]:
     """Fit the frames that follow those that are done.
 
@@ -55,6 +57,7 @@ def fit_frames(
         on_progress: Called with each event.
         on_image: Called with each image that is fitted.
         start: Lobes of up to two frames before the first one; without them it begins from nothing.
+        images: What is known of the images, and keeps those that are read; None to read each once.
     """
     before = [*(start or []), *(record.lobes for record in own_frames(done))][-2:]
     last = done[-1] if done else None
@@ -62,10 +65,11 @@ def fit_frames(
     previous: Tensor | None = None
     if last is not None and frames and options.preset is not Preset.PAPER:
         previous = sequence.read_or_fill(last.frame).radiance
-    with contextlib.closing(read_ahead(sequence, frames)) as images:
+    reads = read_ahead(sequence, frames) if images is None else images.first(frames)
+    with contextlib.closing(reads):
         for frame in frames:
             begin = time.perf_counter()
-            read = next(images)
+            read = next(reads)
             if (
                 last is not None
                 and previous is not None

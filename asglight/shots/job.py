@@ -19,10 +19,12 @@ from asglight.lobes import Form, LobeTracks
 from asglight.lobes.naming import named_as
 from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
 from asglight.shots.events import Notice, OnProgress, ignore
+from asglight.shots.kept_frames import SUFFIX as FRAMES_SUFFIX
+from asglight.shots.kept_frames import KeptFrames
 from asglight.shots.parts.preroll import Followed, check_preroll
 from asglight.shots.reading import stamp_of
 from asglight.shots.records import FrameRecord
-from asglight.shots.rounds import InMemory, fitted_shot
+from asglight.shots.rounds import InMemory, fitted_shot, is_read_again
 from asglight.shots.settings import (
     check_fps,
     check_options,
@@ -113,13 +115,24 @@ def fit_shot(
     options = options.settled(len(sequence.frames))
     header = header_of(settings_of(sequence, options, fps))
     path = output.with_name(output.name + SUFFIX)
-    with Checkpoint(path, header, resume=resume) as checkpoint:
+    frames_path = output.with_name(output.name + FRAMES_SUFFIX)
+    with (
+        Checkpoint(path, header, resume=resume) as checkpoint,  # it is locked before
+        KeptFrames(
+            sequence,
+            frames_path,
+            is_needed=is_read_again(options),
+            header=header,
+            resume=resume,
+        ) as images,
+    ):
         _check_unchanged(sequence, checkpoint)
         _tell_state(checkpoint, on_progress)
-        shot = fitted_shot(sequence, options, checkpoint, on_progress, followed)
+        shot = fitted_shot(sequence, options, checkpoint, images, on_progress, followed)
         tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
         tracks = named_as(tracks, earlier) if earlier else tracks
         written = write_stage(tracks, output, stage)
+        images.remove()
         checkpoint.remove()
     return ShotResult(tracks, tuple(shot.records), shot.resumed, written)
 
@@ -187,7 +200,9 @@ def fit_sequence(
         layer=layer,
         colorspace=input_colorspace,
     )
-    shot = fitted_shot(sequence, options.settled(len(sequence.frames)), InMemory(), on_progress)
+    options = options.settled(len(sequence.frames))
+    with KeptFrames(sequence, is_needed=is_read_again(options)) as images:
+        shot = fitted_shot(sequence, options, InMemory(), images, on_progress)
     return tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
 
 

@@ -10,7 +10,7 @@ from torch import Tensor
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
 from asglight.lobes import Lobes
-from asglight.shots.reading import one_ahead
+from asglight.shots.reading import ahead
 
 
 def live_fits(
@@ -19,7 +19,7 @@ def live_fits(
     """Fit frames one after the other, each from the ones before, as `fit_frames` does.
 
     Args:
-        read: Returns the repaired radiance of a frame, [H, 2 H, 3]; called in a thread.
+        read: Returns the repaired radiance of a frame, [H, 2 H, 3]; called in threads.
         frames: Frame numbers.
         lobes: Number of lobes; None for that of `FitOptions`.
 
@@ -32,7 +32,7 @@ def live_fits(
     options = FitOptions(lobes, Preset.LIVE)
     before: list[Lobes] = []
     last: Tensor | None = None
-    with contextlib.closing(one_ahead(read, list(frames))) as images:
+    with contextlib.closing(ahead(read, list(frames))) as images:
         for frame, radiance in zip(frames, images, strict=True):
             if last is None or not torch.equal(radiance, last):
                 earlier = before[-2] if len(before) > 1 else None

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading the frames of a shot, one ahead of the frame that is being fitted."""
+"""Reading the frames of a shot, ahead of the frame that is being fitted."""
 
 import os
+from collections import deque
 from collections.abc import Callable, Generator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import NamedTuple, TypeVar
 
@@ -14,6 +15,10 @@ from asglight.images.message import shown
 
 READINGS_MAX = 3
 """Of a frame: one replaced meanwhile is read anew, one that keeps changing is refused."""
+
+READERS_MAX = 16
+"""Frames read at a time, each in a process of its own with up to 200 MB: with a tenth of a second
+for a frame of 4k, more than any fit follows."""
 
 _Image = TypeVar("_Image")
 
@@ -31,28 +36,55 @@ class ReadFrame(NamedTuple):
 
 
 def read_ahead(sequence: Sequence, frames: list[int]) -> Generator[ReadFrame]:
-    """Read frames in order in a thread, at most one beyond the frame that is in use.
+    """Read frames in order in threads, some beyond the frame that is in use (`ahead`).
 
     Raises:
         InputError: A frame cannot be read; raised when its turn comes.
     """
-    return one_ahead(partial(_read, sequence), frames)
+    return ahead(partial(read_unchanging, sequence), frames)
 
 
-def one_ahead(read: Callable[[int], _Image], frames: list[int]) -> Generator[_Image]:
-    """Call a function for frames in order in a thread, at most one beyond the frame in use.
+def ahead(
+    read: Callable[[int], _Image], frames: list[int], readers: int | None = None
+) -> Generator[_Image]:
+    """Call a function for frames in order in threads, some beyond the frame in use.
 
-    What it raises is raised when the frame's turn comes.
+    It begins with one frame ahead. Whenever the caller has to wait for a frame, one more is read
+    ahead, until there are two for each reader: so small images take one reader, and large ones as
+    many as the caller leaves cores to.
+
+    Args:
+        read: Returns a frame; called in several threads.
+        frames: The frames.
+        readers: Threads; None for one a core, at most READERS_MAX.
+
+    Raises:
+        InputError: What the function raises is raised when the frame's turn comes.
     """
-    if not frames:
-        return
-    with ThreadPoolExecutor(1, "asglight-read") as reader:
-        pending = reader.submit(read, frames[0])
-        for following in frames[1:]:
-            ready = pending.result()
-            pending = reader.submit(read, following)
-            yield ready
-        yield pending.result()
+    readers = readers or min(cores(), READERS_MAX)
+    limit, coming = 1, deque(frames)
+    with ThreadPoolExecutor(readers, "asglight-read") as pool:
+        pending: deque[Future[_Image]] = deque()
+        try:
+            while coming or pending:
+                while coming and len(pending) < limit:
+                    pending.append(pool.submit(read, coming.popleft()))
+                if not pending[0].done():
+                    limit = min(limit + 1, 2 * readers)
+                ready = pending.popleft().result()
+                if coming:  # before the caller goes to work
+                    pending.append(pool.submit(read, coming.popleft()))
+                yield ready
+        finally:
+            for reading in pending:
+                reading.cancel()
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def stamp_of(sequence: Sequence, frame: int) -> tuple[int, int]:
@@ -78,8 +110,12 @@ def _state(sequence: Sequence, frame: int) -> os.stat_result:
         ) from error
 
 
-def _read(sequence: Sequence, frame: int) -> ReadFrame:
-    """Read a frame that nobody writes meanwhile: what is half old and half new is no frame."""
+def read_unchanging(sequence: Sequence, frame: int) -> ReadFrame:
+    """Read a frame that nobody writes meanwhile: what is half old and half new is no frame.
+
+    Raises:
+        InputError: It cannot be read, or keeps changing.
+    """
     for _ in range(READINGS_MAX):
         before = _state(sequence, frame)
         try:

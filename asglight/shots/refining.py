@@ -20,13 +20,17 @@ from asglight.images import Sequence
 from asglight.images.message import shown
 from asglight.lobes.data import stack
 from asglight.shots.events import OnProgress, Refined
-from asglight.shots.reading import read_ahead
+from asglight.shots.kept_frames import KeptFrames
 from asglight.shots.records import FrameRecord, own_frames, places_of
 from asglight.threads import one_thread
 
 
 def refined(
-    records: list[FrameRecord], sequence: Sequence, options: FitOptions, on_progress: OnProgress
+    records: list[FrameRecord],
+    sequence: Sequence,
+    kept: KeptFrames,
+    options: FitOptions,
+    on_progress: OnProgress,
 ) -> list[FrameRecord]:
     """Refine the frames of a shot between their neighbours, if the preset asks for it.
 
@@ -34,7 +38,8 @@ def refined(
 
     Args:
         records: Every frame as fitted after the one before.
-        sequence: Where they came from; read once more.
+        sequence: Where they came from.
+        kept: Their images.
         options: Settings of the fit.
         on_progress: Called with each event.
 
@@ -42,13 +47,13 @@ def refined(
         InputError: A frame has changed since it was fitted, or cannot be read any more.
     """
     own = own_frames(records)
-    if options.preset not in LINKS or len(own) < 2:
+    if not is_refined(options) or len(own) < 2:
         return records
     threads = torch.get_num_threads()
     with one_thread():
         lobes, losses = refine_shot(
             stack([record.lobes for record in own]),
-            lambda: _chunks(own, sequence, options),
+            lambda: _chunks(own, sequence, kept, options),
             links=LINKS[options.preset],
             threads=threads,
             on_chunk=lambda done, count: on_progress(Refined(done, count)),
@@ -59,11 +64,16 @@ def refined(
     ]
 
 
+def is_refined(options: FitOptions) -> bool:
+    """Tell whether the preset reads a shot again."""
+    return options.preset in LINKS
+
+
 def _chunks(
-    records: list[FrameRecord], sequence: Sequence, options: FitOptions
+    records: list[FrameRecord], sequence: Sequence, kept: KeptFrames, options: FitOptions
 ) -> Iterator[list[Exposed]]:
     """Read the frames once more, a few at a time."""
-    with contextlib.closing(read_ahead(sequence, [record.frame for record in records])) as images:
+    with contextlib.closing(kept.again([record.frame for record in records])) as images:
         chunk: list[Exposed] = []
         for record, read in zip(records, images, strict=True):
             if read.stamp != record.stamp:
@@ -71,7 +81,7 @@ def _chunks(
                     f"{shown(sequence.path(record.frame))}: has changed since frame "
                     f"{record.frame} was fitted; expected the same image. Start afresh."
                 )
-            chunk.append(exposed(read.image.radiance.to(options.device)))
+            chunk.append(exposed(read.radiance.to(options.device)))
             if len(chunk) == CHUNK or record is records[-1]:
                 yield chunk
                 chunk = []

@@ -10,9 +10,10 @@ from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 from asglight.shots.events import Notice, OnProgress, Started
 from asglight.shots.frames import OnImage, fit_frames, frame_done, no_image
+from asglight.shots.kept_frames import KeptFrames
 from asglight.shots.parts.preroll import Followed, start_of
 from asglight.shots.records import FrameRecord, own_frames
-from asglight.shots.refining import refined
+from asglight.shots.refining import is_refined, refined
 from asglight.shots.tolerance import Accuracy, Worst, fewest_lobes, more_lobes, worst
 
 
@@ -66,6 +67,7 @@ def fitted_shot(
     sequence: Sequence,
     options: FitOptions,
     kept: Kept,
+    images: KeptFrames,
     on_progress: OnProgress,
     followed: Followed | None = None,
 ) -> FittedShot:
@@ -78,6 +80,7 @@ def fitted_shot(
         sequence: The shot.
         options: Settings, as `FitOptions.settled` returns them.
         kept: Frames of an earlier run; takes those of this one.
+        images: What the frames show; takes them as they are read.
         on_progress: Called with each event.
         followed: Where the preroll has been already, if it has (preroll.py).
 
@@ -90,19 +93,19 @@ def fitted_shot(
         # a frame starts from the two before it, so the third needs no preroll
         is_begun = len(own_frames(kept.records)) >= 2
         start = [] if is_begun else start_of(sequence, options, followed, on_progress)
-        records = _round(sequence, options, kept, resumed, on_progress, no_image, start)
+        records = _round(sequence, options, kept, images, resumed, on_progress, no_image, start)
         return FittedShot(records, options, resumed)
     accuracy = Accuracy(options.tolerance)
     if kept.records:
         count = kept.records[-1].lobes.count
     else:
-        count = fewest_lobes(sequence, options, accuracy, on_progress)
+        count = fewest_lobes(sequence, images, options, accuracy, on_progress)
     while True:
         counted = replace(options, lobes=count)
-        records = _round(sequence, counted, kept, resumed, on_progress, accuracy.see)
+        records = _round(sequence, counted, kept, images, resumed, on_progress, accuracy.see)
         own = own_frames(records)
         frames = [record.frame for record in own]
-        accuracy.see_all(sequence, frames)
+        accuracy.see_all(images, frames)
         found = accuracy.errors(frames, stack([record.lobes for record in own]))
         furthest = max(worst(frames, found), key=lambda one: one.value)
         if furthest.value <= accuracy.limit or count >= options.max_lobes:
@@ -115,20 +118,27 @@ def fitted_shot(
         on_progress(Started(len(sequence), 0))
 
 
+def is_read_again(options: FitOptions) -> bool:
+    """Tell whether a shot's images are needed more than once."""
+    return options.tolerance is not None or is_refined(options)
+
+
 def _round(
     sequence: Sequence,
     options: FitOptions,
     kept: Kept,
+    images: KeptFrames,
     resumed: int,
     on_progress: OnProgress,
     on_image: OnImage,
     start: list[Lobes] | None = None,
 ) -> list[FrameRecord]:
     """Fit the frames that are not kept yet, and refine them all."""
-    for record in fit_frames(sequence, options, kept.records, on_progress, on_image, start):
+    done = kept.records
+    for record in fit_frames(sequence, options, done, on_progress, on_image, start, images):
         kept.append(record)
         on_progress(frame_done(kept.records, resumed, len(sequence)))
-    return refined(kept.records, sequence, options, on_progress)
+    return refined(kept.records, sequence, images, options, on_progress)
 
 
 def _again(furthest: Worst, tolerance: float, before: int, count: int) -> str:

@@ -23,7 +23,7 @@ from asglight.fitting.sequence import fit_frame
 from asglight.images import Sequence
 from asglight.lobes import Lobes
 from asglight.shots.events import OnProgress, Searched
-from asglight.shots.reading import read_ahead
+from asglight.shots.kept_frames import KeptFrames
 from asglight.threads import one_thread
 
 SEARCHED_FRAMES = 5
@@ -75,16 +75,16 @@ class Accuracy:
             with one_thread():
                 self._shown[frame] = shown(radiance)
 
-    def see_all(self, sequence: Sequence, frames: list[int]) -> None:
+    def see_all(self, kept: KeptFrames, frames: list[int]) -> None:
         """Read those of some frames that are not known yet.
 
         Raises:
             InputError: One cannot be read.
         """
         unknown = [frame for frame in frames if frame not in self._shown]
-        with contextlib.closing(read_ahead(sequence, unknown)) as images:
+        with contextlib.closing(kept.again(unknown)) as images:
             for frame, read in zip(unknown, images, strict=True):
-                self.see(frame, read.image.radiance)
+                self.see(frame, read.radiance)
 
     def errors(self, frames: list[int], lobes: Lobes) -> list[dict[str, float]]:
         """Return the errors of frames that are known.  [F, N, .] -> F."""
@@ -99,12 +99,17 @@ def worst(frames: list[int], found: list[dict[str, float]]) -> list[Worst]:
 
 
 def fewest_lobes(
-    sequence: Sequence, options: FitOptions, accuracy: Accuracy, on_progress: OnProgress
+    sequence: Sequence,
+    images: KeptFrames,
+    options: FitOptions,
+    accuracy: Accuracy,
+    on_progress: OnProgress,
 ) -> int:
     """Search the number of lobes that the hardest of some frames needs.
 
     Args:
         sequence: The shot.
+        images: What it shows.
         options: Its settings, with `max_lobes`.
         accuracy: Knows the tolerance.
         on_progress: Called with each number that is tried.
@@ -115,7 +120,8 @@ def fewest_lobes(
     assert options.max_lobes is not None
     count = 0
     for frame in spread_frames(sequence.frames):
-        radiance = sequence.read_or_fill(frame).radiance
+        (read,) = images.first([frame])
+        radiance = read.image.radiance
         accuracy.see(frame, radiance)
 
         def error(lobes: int, frame: int = frame, radiance: Tensor = radiance) -> float:
