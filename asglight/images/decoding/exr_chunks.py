@@ -27,9 +27,10 @@ from asglight.images.decoding.reduction import Planes
 HEADER_MAX = 2**20
 """Bytes of the headers of all parts: a preview image is 40 KB."""
 
-STRIP_BYTES = 2**21
+STRIP_BYTES = 2**22
 """Of decoded channels, at least one row of chunks: they stay in the processor's cache until they
-are reduced. On a 4k map 0.5 to 4 MB take the same time."""
+are reduced. A 4k map takes 5 to 10 % longer with 1 MB, for OpenEXR is set up for each strip, and no
+less with 8 MB (docs/production.md)."""
 
 # Rows of a chunk by the number of the compression: none, RLE, ZIPS, ZIP, PIZ, PXR24, B44, B44A,
 # DWAA, DWAB.
