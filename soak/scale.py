@@ -156,9 +156,9 @@ def _megabytes(peak: Peak) -> float | None:
 
 
 def _reader_megabytes() -> int:
-    """Return the largest size of the process that decodes."""
-    (process,) = APART._idle
-    return _kilobytes(process._process.pid, "VmHWM") // 1024
+    """Return the largest size of a process that decodes."""
+    sizes = [_kilobytes(process._process.pid, "VmHWM") for process in APART._idle]
+    return max(sizes) // 1024
 
 
 def _kilobytes(process: object, name: str) -> int:
