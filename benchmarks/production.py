@@ -98,7 +98,7 @@ def enlarged(path: Path, rows: int) -> NDArray[np.float16]:
     high = min(rows, 2048)
     area = OpenImageIO.ROI(0, 2 * high, 0, high)
     resized = OpenImageIO.ImageBufAlgo.resize(source, filtername="cubic", roi=area)
-    values = resized.get_pixels(OpenImageIO.FLOAT)
+    values: Any = resized.get_pixels(OpenImageIO.FLOAT)
     values *= 1 + GRAIN * np.random.default_rng(1).standard_normal(values.shape, np.float32)
     halves = np.clip(values, 0, 65000).astype(np.float16)
     # beyond 4k the map is repeated: what costs time is in every part of it
