@@ -1,10 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which frames of a stage a command is for."""
+"""The lobes of a stage, and which of its frames a command is for."""
 
+import sys
+
+from asglight.cli.parser import one_line
+from asglight.cli.printing import summed_up
 from asglight.errors import InputError
 from asglight.images.frame_files import frame_set, ranges
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
+
+
+def read_tracks(stage: str, rig: str | None) -> LobeTracks:
+    """Read a stage, and say in one line on standard error what of it lobes cannot hold.
+
+    Raises:
+        InputError: As `asglight.usd.read_stage`.
+    """
+    from asglight.usd import read_stage  # loads pxr
+
+    reading = read_stage(stage, rig)
+    if reading.unread:
+        line = summed_up("not read", reading.unread)
+        print(f"asglight: {one_line(f'{shown(stage)}: {line}')}", file=sys.stderr)
+    return reading.tracks
 
 
 def chosen_frames(tracks: LobeTracks, frames: str | None, stage: str) -> tuple[int, ...]:
