@@ -5,7 +5,7 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from asglight.cli.frames import chosen_frames, read_tracks
+from asglight.cli.frames import chosen_frames, warn_of_unread
 from asglight.cli.parser import (
     add_follow_option,
     add_input_options,
@@ -51,7 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge each frame and print the errors."""
-    tracks = read_tracks(arguments.stage, arguments.rig)
+    from asglight.usd import read_stage
+
+    reading = read_stage(arguments.stage, arguments.rig)
+    tracks = reading.tracks
     frames = chosen_frames(tracks, arguments.frames, arguments.stage)
     sequence = reference_for(frames, arguments)
     with reporter() as report:
@@ -60,6 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         print_json({"stage": arguments.stage, "reference": arguments.reference} | as_json(errors))
     else:
         print(errors_table(errors))
+    warn_of_unread(arguments.stage, reading)
     return 0
 
 

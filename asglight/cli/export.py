@@ -5,7 +5,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from asglight.cli.frames import chosen_frames, read_tracks
+from asglight.cli.frames import chosen_frames, warn_of_unread
 from asglight.cli.parser import add_follow_option, add_rig_option
 from asglight.cli.printing import counted, frame_range, size
 from asglight.errors import InputError
@@ -47,8 +47,10 @@ def run(arguments: argparse.Namespace) -> int:
     _check_output(output, arguments.to)
     from asglight.export import write_glsl, write_json, write_sg_array
     from asglight.images.message import shown
+    from asglight.usd import read_stage
 
-    every = read_tracks(arguments.stage, arguments.rig)
+    reading = read_stage(arguments.stage, arguments.rig)
+    every = reading.tracks
     tracks = _of_frames(every, chosen_frames(every, arguments.frames, arguments.stage))
     files, written = [output], tracks.lobes
     if arguments.to == "json":
@@ -66,6 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if written is not tracks.lobes:
         _print_loss(tracks.lobes, written)
+    warn_of_unread(arguments.stage, reading)
     return 0
 
 

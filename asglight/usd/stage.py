@@ -2,6 +2,7 @@
 """A stage: opened with one clear message where it cannot be, and its lobes found."""
 
 import itertools
+import stat
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -32,11 +33,9 @@ def open_stage(path: str | Path | Usd.Stage) -> Usd.Stage:
     if isinstance(path, Usd.Stage):
         return path
     path = Path(path)
-    if path.is_dir() or not path.exists():
-        found = "is a folder" if path.is_dir() else "no such file"
+    found = _not_a_file(path)
+    if found:
         raise InputError(f"{shown(path)}: {found}; expected a USD stage.")
-    if not path.is_file():
-        raise InputError(f"{shown(path)}: is no file; expected a USD stage.")
     with readable(path), _quiet():
         kept = checked_layers(path)
         stage = Usd.Stage.Open(str(path))
@@ -47,6 +46,19 @@ def open_stage(path: str | Path | Usd.Stage) -> Usd.Stage:
             if not (layer.anonymous or layer.dirty):
                 layer.Reload()
     return stage
+
+
+def _not_a_file(path: Path) -> str:
+    """Return what a path is that is no file to read; empty for a file."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return "no such file"
+    except (OSError, ValueError) as error:  # a name too long, a loop of links, a zero byte
+        return f"is no file ({getattr(error, 'strerror', None) or 'no name a file can have'})"
+    if stat.S_ISDIR(mode):
+        return "is a folder"
+    return "" if stat.S_ISREG(mode) else "is no file"
 
 
 @contextmanager
@@ -174,7 +186,7 @@ def open_rig(path: str | Path | Usd.Stage, rig: str | None = None) -> tuple[Usd.
         if not rigs:
             raise InputError(f"{name_of(path)}: {why_without_lobes(stage)}")
         if rig is not None:
-            rigs = [prim for prim in rigs if prim.GetPath() == rig]
+            rigs = [prim for prim in rigs if str(prim.GetPath()) == rig]
         if not rigs:
             raise InputError(f"{name_of(path)}: {shown(rig or '')} holds no lobes; {listed} does.")
         if len(rigs) > 1:
