@@ -185,6 +185,8 @@ def _checked(path: Path) -> NDArray[np.float32]:
 def _mapped(path: Path) -> NDArray[np.generic]:
     """Return the array in a file, of which only the header has been read."""
     expected = "a .npy file of numbers"
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        _fail(path, "is no file", expected)
     try:
         # It knows no pickles and no archives: objects are refused by their type.
         return np.lib.format.open_memmap(path, mode="r")

@@ -32,9 +32,10 @@ from asglight.lobes import Form, Lobes
 from asglight.usd import schema
 from asglight.usd.digest import has_own_edits
 from asglight.usd.lights.cards import Kind
-from asglight.usd.read.held_lights import EDITED, Array, LobeLights, View, Written, held_lights
+from asglight.usd.read.held_lights import EDITED, Array, LobeLights, Written, held_lights
 from asglight.usd.read.placement import Placement, turn_words, turned
 from asglight.usd.read.read_options import card_kinds, threefold_lobes
+from asglight.usd.read.view import View
 from asglight.usd.schema import Representation
 from asglight.usd.stage import child_of, prims_below, shown_representation
 from asglight.usd.write.checks import SHARPNESS_RANGE
