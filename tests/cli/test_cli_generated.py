@@ -127,7 +127,6 @@ FILES += [
 ]
 FILES += [
     "a\nb.usda",
-    "a\x00b.exr",
     "\udcff.usda",
     "[1].usda",
     "{a,b}.exr",
