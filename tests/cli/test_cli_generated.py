@@ -24,6 +24,7 @@ from asglight.errors import InputError
 from asglight.judging import stress as stress_run
 from asglight.shots import job
 from asglight.usd import write_usd
+from asglight.usd.check import trust
 from asglight.viewer import app
 
 LINES = 1200
@@ -199,6 +200,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (built_in, "environment"),
     ]:
         monkeypatch.setattr(place, name, cut)
+    monkeypatch.setattr(trust, "_ASKED", trust._Asked())  # which --follow-references changes
     monkeypatch.setattr(figures, "DRAWN", dict.fromkeys(figures.DRAWN, cut))
     yield tmp_path
     (tmp_path / "closed").chmod(0o700)
