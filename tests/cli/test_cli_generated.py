@@ -258,19 +258,21 @@ def test_no_command_line_ends_in_a_traceback(
     pick = random.Random(seed)
     commands = list(COMMANDS)
     ended: dict[int, int] = {}
+    good = 0  # those that end well, or come to where the work begins
     faults: list[tuple[int, list[str], str]] = []
     for _ in range(LINES // 4):
         line = line_of(pick.choice(commands), pick)
         status = main(line)
         said = capfd.readouterr().err
         ended[status] = ended.get(status, 0) + 1
+        good += status == 0 or "cut: here" in said
         lines = [one for one in said.splitlines() if not PROGRESS.fullmatch(one)]
         is_one_line = len(lines) == 1 and lines[0].startswith("asglight: ")
         if status not in (0, 2, 3, 130) or (status == 2 and not is_one_line):
             faults.append((status, line, said))
     assert not faults
     assert ended[2] > LINES // 8  # these are odd lines; and some are good
-    assert ended[0] > 0
+    assert good > 0
 
 
 def test_the_generator_tries_every_option() -> None:
