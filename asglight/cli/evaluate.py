@@ -5,8 +5,13 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from asglight.cli.frames import chosen_frames
-from asglight.cli.parser import add_follow_option, add_input_options, add_json_option
+from asglight.cli.frames import chosen_frames, warn_of_unread
+from asglight.cli.parser import (
+    add_follow_option,
+    add_input_options,
+    add_json_option,
+    add_rig_option,
+)
 from asglight.cli.printing import print_json, table
 from asglight.cli.progress import Reporter, reporter
 from asglight.errors import InputError
@@ -39,15 +44,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--reference", required=True, metavar="INPUT", help="image file, folder or pattern"
     )
     add_input_options(parser)
+    add_rig_option(parser)
     add_follow_option(parser)
     add_json_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge each frame and print the errors."""
-    from asglight.usd import read_usd
+    from asglight.usd import read_stage
 
-    tracks = read_usd(arguments.stage)
+    reading = read_stage(arguments.stage, arguments.rig)
+    tracks = reading.tracks
     frames = chosen_frames(tracks, arguments.frames, arguments.stage)
     sequence = reference_for(frames, arguments)
     with reporter() as report:
@@ -56,6 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         print_json({"stage": arguments.stage, "reference": arguments.reference} | as_json(errors))
     else:
         print(errors_table(errors))
+    warn_of_unread(arguments.stage, reading)
     return 0
 
 

@@ -5,8 +5,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from asglight.cli.frames import chosen_frames
-from asglight.cli.parser import add_follow_option
+from asglight.cli.frames import chosen_frames, warn_of_unread
+from asglight.cli.parser import add_follow_option, add_rig_option
 from asglight.cli.printing import counted, frame_range, size
 from asglight.errors import InputError
 from asglight.export import SgLayout
@@ -37,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "constants, of several as a uniform block that FILE with the suffix .f32 fills"
     )
     add("--frames", "--frame", metavar="RANGE", help=frames)
+    add_rig_option(parser)
     add_follow_option(parser)
 
 
@@ -46,14 +47,14 @@ def run(arguments: argparse.Namespace) -> int:
     _check_output(output, arguments.to)
     from asglight.export import write_glsl, write_json, write_sg_array
     from asglight.images.message import shown
-    from asglight.usd import read_usd
-    from asglight.usd.stage import lobe_names_of
+    from asglight.usd import read_stage
 
-    every = read_usd(arguments.stage)
+    reading = read_stage(arguments.stage, arguments.rig)
+    every = reading.tracks
     tracks = _of_frames(every, chosen_frames(every, arguments.frames, arguments.stage))
     files, written = [output], tracks.lobes
     if arguments.to == "json":
-        write_json(output, tracks, lobe_names_of(arguments.stage))
+        write_json(output, tracks, tracks.names)
     elif arguments.to == "glsl":
         files = write_glsl(output, tracks)
     else:
@@ -67,6 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if written is not tracks.lobes:
         _print_loss(tracks.lobes, written)
+    warn_of_unread(arguments.stage, reading)
     return 0
 
 

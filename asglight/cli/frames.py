@@ -1,10 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which frames of a stage a command is for."""
+"""What a command is told of a stage that it reads, and which of its frames it is for."""
 
+import sys
+from typing import TYPE_CHECKING
+
+from asglight.cli.parser import one_line
+from asglight.cli.printing import summed_up
 from asglight.errors import InputError
 from asglight.images.frame_files import frame_set, ranges
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
+
+if TYPE_CHECKING:
+    from asglight.usd import Reading
+
+
+def warn_of_unread(stage: str, reading: "Reading") -> None:
+    """Say in one line on standard error what of a stage lobes cannot hold, if anything."""
+    if reading.unread:
+        line = summed_up("not read", reading.unread)
+        print(f"asglight: {one_line(f'{shown(stage)}: {line}')}", file=sys.stderr)
 
 
 def chosen_frames(tracks: LobeTracks, frames: str | None, stage: str) -> tuple[int, ...]:

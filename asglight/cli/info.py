@@ -12,7 +12,7 @@ import torch
 from asglight.cli.condition import condition_lines, condition_of
 from asglight.cli.fit import repair_line
 from asglight.cli.leaving_out import left_out_lines
-from asglight.cli.parser import add_follow_option, add_json_option
+from asglight.cli.parser import add_follow_option, add_json_option, add_rig_option
 from asglight.cli.printing import counted, frame_range, print_json, size, table
 from asglight.lobes import LobeTracks, asg
 
@@ -22,6 +22,7 @@ EXAMPLE = "asglight info sky.usda"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `info`."""
     parser.add_argument("stage", metavar="STAGE", help="a stage that asglight has written")
+    add_rig_option(parser)
     add_follow_option(parser)
     add_json_option(parser)
 
@@ -31,12 +32,13 @@ def run(arguments: argparse.Namespace) -> int:
     from asglight.usd import read_stage
     from asglight.usd.stage import representation_of
 
-    reading = read_stage(arguments.stage)
+    reading = read_stage(arguments.stage, arguments.rig)
     document = {
         "stage": arguments.stage,
         "bytes": os.path.getsize(arguments.stage),
-        "representation": representation_of(arguments.stage),
+        "representation": representation_of(arguments.stage, arguments.rig),
         "changes": list(reading.changes),
+        "unread": list(reading.unread),
         **as_document(reading.tracks),
         "ill_conditioned": condition_of(reading.tracks),
     }
@@ -115,6 +117,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
             f"asglight {metadata.get('asglight', 'unknown')}"
         )
     lines += [f"edited: {change}" for change in document["changes"]]
+    lines += [f"not read: {found}" for found in document["unread"]]
     lines += left_out_lines(metadata)
     lines += condition_lines(document["ill_conditioned"])
     lines += part_lines(metadata.get("parts", []))

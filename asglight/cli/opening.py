@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 
 from asglight.cli import built_in
 from asglight.cli.live_source import LiveJob, LiveSource
+from asglight.cli.printing import summed_up
 from asglight.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import numpy as np
 
     from asglight.lobes import LobeTracks
+    from asglight.usd import Reading
     from asglight.viewer.session import Session
     from asglight.viewer.source import TrackSource
 
@@ -39,6 +39,7 @@ class Request:
         input_colorspace: Linear space of the images, whatever they state; None for what they do.
         live: Fit the images while they are shown.
         lobes: Number of lobes of that fit; None for the usual one.
+        rig: Prim that holds the lobes, of a stage with several.
     """
 
     input: str | None = None
@@ -48,6 +49,7 @@ class Request:
     input_colorspace: str | None = None
     live: bool = False
     lobes: int | None = None
+    rig: str | None = None
 
 
 def opened(request: Request) -> "Session":
@@ -144,9 +146,9 @@ def _stage(stage: Path, request: Request) -> "Session":
         else:
             from asglight.usd import read_stage
 
-            reading = read_stage(stage)
+            reading = read_stage(stage, request.rig)
             tracks = reading.tracks
-            source = FixedSource(tracks, changes_line(reading.changes))
+            source = FixedSource(tracks, findings_line(reading))
         on_failure.callback(source.close)
         state = ViewerState(tracks)
         reference = None
@@ -163,12 +165,10 @@ def _stage(stage: Path, request: Request) -> "Session":
     return Session(state, source, shown(stage.name), stage)
 
 
-def changes_line(changes: "Sequence[str]") -> str:
-    """Return what other programs changed in a stage's lights as one line; empty for nothing."""
-    if not changes:
-        return ""
-    more = f"; and {len(changes) - 1} more, see asglight info" if len(changes) > 1 else ""
-    return f"lights edited since the fit: {changes[0]}{more}"
+def findings_line(reading: "Reading") -> str:
+    """Return what was changed in a stage's lights, and what was not read, as one line."""
+    said = {"lights edited since the fit": reading.changes, "not read": reading.unread}
+    return "; ".join(summed_up(subject, lines) for subject, lines in said.items() if lines)
 
 
 def checkpoint_of(stage: Path) -> Path:

@@ -71,6 +71,15 @@ def add_follow_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_rig_option(parser: argparse.ArgumentParser) -> None:
+    """Add --rig, of commands that read one stage."""
+    parser.add_argument(
+        "--rig",
+        metavar="PRIM",
+        help="prim that holds the lobes, such as /World/Env, of a stage with several",
+    )
+
+
 def frame_rate(text: str) -> float:
     """Parse a frame rate: `24`, `23.976` or `24000/1001`."""
     try:

@@ -28,6 +28,12 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
+def summed_up(subject: str, lines: Sequence[str]) -> str:
+    """Return the first of some findings on a stage, and how many more there are."""
+    more = f"; and {len(lines) - 1} more, see asglight info" if len(lines) > 1 else ""
+    return f"{subject}: {lines[0]}{more}"
+
+
 def duration(seconds: float) -> str:
     """Return a time in the two largest units that matter."""
     if seconds < 9.95:

@@ -3,6 +3,7 @@
 
 import argparse
 import glob
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -79,8 +80,8 @@ def check_apart(output: str, files: Sequence[str]) -> None:
             )
 
 
-def _stem(path: str) -> Path:
-    return Path(path).resolve().with_suffix("")
+def _stem(path: str) -> str:
+    return os.path.splitext(os.path.realpath(path))[0]  # a loop of links is told of later
 
 
 def as_document(joined: Joined, output: str) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from asglight.cli.opening import Request, opened, opened_in_window
-from asglight.cli.parser import add_follow_option, add_input_options, one_line
+from asglight.cli.parser import add_follow_option, add_input_options, add_rig_option, one_line
 from asglight.errors import InputError
 
 EXAMPLE = "asglight view shot.usda --reference sky.####.exr --frame 1001"
@@ -36,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--bare", action="store_true", help="with --screenshot: the balls alone, no panels")
     add("--size", type=_size, default=SIZE, metavar="WxH", help="window (default: 1600x1000)")
     add("--exposure-ev", type=_exposure, metavar="EV", help="stops (default: metered)")
+    add_rig_option(parser)
     add_follow_option(parser)
     add("--check", action="store_true", help="compile every shader and say what OpenGL there is")
 
@@ -57,6 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         input_colorspace=arguments.input_colorspace,
         live=arguments.live,
         lobes=arguments.lobes,
+        rig=arguments.rig,
     )
     with contextlib.closing(opened(request)) as session:
         from asglight.viewer import app  # after the start of a live fit, which need not wait for it

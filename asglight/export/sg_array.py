@@ -20,6 +20,7 @@ so the same map has the same axes in PhySG, and axes with the sign of z changed 
 image, which is no matter to lobes that are round.
 """
 
+import os
 import tokenize
 from enum import StrEnum
 from pathlib import Path
@@ -185,6 +186,8 @@ def _checked(path: Path) -> NDArray[np.float32]:
 def _mapped(path: Path) -> NDArray[np.generic]:
     """Return the array in a file, of which only the header has been read."""
     expected = "a .npy file of numbers"
+    if os.path.exists(path) and not os.path.isfile(path):  # a pipe would be waited for
+        _fail(path, "is no file", expected)
     try:
         # It knows no pickles and no archives: objects are refused by their type.
         return np.lib.format.open_memmap(path, mode="r")

@@ -4,12 +4,16 @@
 A pattern is written as studios write it and fileseq parses it: `sky.####.exr`, `sky.%04d.exr`,
 `sky.@@@@.exr`, `sky.$F4.exr`, or with a range, `sky.1001-1048x2#.exr`. The number of pad
 characters is not held against the files, because programs disagree on how many digits a `#` is:
-the frame is the number, however it is padded.
+the frame is the number, however it is padded. Of several places that could be the frame's,
+as in `sky@2x.####.exr`, the last that files agree with is it. Letters of an extension are the same
+in both cases, and those with accents however Unicode composes them.
 """
 
 import difflib
 import os
 import re
+import unicodedata
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +23,7 @@ from fileseq.filesequence import FileSequence
 from fileseq.frameset import FrameSet
 
 from asglight.errors import InputError
-from asglight.images.message import compressed, listing, shown
+from asglight.images.message import compressed, forward, has_backslash, listing, shown
 
 IMAGE_EXTENSIONS = (".exr", ".hdr", ".pic", ".rgbe")
 
@@ -29,6 +33,13 @@ IMAGE_EXTENSIONS = (".exr", ".hdr", ".pic", ".rgbe")
 _NAME = re.compile(
     r"(?P<base>.*?)(?P<frame>(?:(?:(?<=[._])|^)-)?\d+)?(?P<extension>(?:\.[^\W\d]\w*)*)", re.DOTALL
 )
+
+
+_PAD = re.compile(r"(?P<range>-?\d[\d,:x-]*)?(?P<pad>#+|@+|%0?\d*d|\$F\d*)")
+"""Where a pattern has its frame: perhaps a range, and one of the ways to write a padded number."""
+
+_SUBFRAME = r"(-?\d+)\.\d+"
+"""Between base and extension: `1001.5`."""
 
 
 @dataclass(frozen=True)
@@ -157,9 +168,13 @@ def _in_folder(folder: Path) -> FrameFiles:
             "sequence. Is it in a folder below?"
         )
     if len(groups) > 1:
+        _check_groups_whole(folder, groups)
+        (base, extension), names = next(iter(groups.items()))
+        one = folder / (names[0] if len(names) == 1 else f"{base}####{extension}")
         raise InputError(
             f"{shown(folder)}: holds {len(groups)} images or sequences "
-            f"({listing(_titles(groups))}); expected one. Name the one to use."
+            f"({listing(_titles(groups))}); expected one. Name the one to use, such as "
+            f"{shown(one)}."
         )
     ((base, extension), names) = next(iter(groups.items()))
     if len(names) == 1:
@@ -167,16 +182,52 @@ def _in_folder(folder: Path) -> FrameFiles:
     return FrameFiles(folder, base, extension, _by_frame(folder, names, base, extension))
 
 
+def _check_groups_whole(folder: Path, groups: dict[tuple[str, str], list[str]]) -> None:
+    """Refuse a folder whose images are apart because their frames have fractions.
+
+    Those of `sky.1001.0.exr`, `sky.1001.5.exr`, `sky.1002.0.exr` are two sequences by their names,
+    which differ in a number alone, or one beside the sequence of whole frames.
+    """
+    wholes: dict[str, list[str]] = {}
+    for (base, _), names in groups.items():
+        if match := re.fullmatch(r"(.*?)-?\d+\.", base, re.DOTALL):
+            wholes.setdefault(match[1], []).append(names[0])
+    for parent, first in wholes.items():
+        if len(first) > 1 or any(base == parent for base, _ in groups):
+            raise _subframe(folder, first[0])
+
+
+def _subframe(folder: Path, name: str) -> InputError:
+    return InputError(
+        f"{shown(folder)}: {shown(name)} is between two frames; expected whole frames. Keep "
+        "subframes in a folder of their own, or number them as frames."
+    )
+
+
 def _groups(folder: Path) -> dict[tuple[str, str], list[str]]:
     """Return the images of a folder by what precedes and follows their frame number."""
     groups: dict[tuple[str, str], list[str]] = {}
-    for name in sorted(os.listdir(folder)):
+    first: dict[tuple[str, str], tuple[str, str]] = {}  # by how names are held against each other
+    for name in _file_names(folder):
         # Hidden names are the leftovers of file systems and of interrupted writers.
         if name.startswith(".") or not name.lower().endswith(IMAGE_EXTENSIONS):
             continue
         base, frame, extension = _split(name)
-        groups.setdefault((base, extension) if frame is not None else (name, ""), []).append(name)
+        own = (base, extension) if frame is not None else (name, "")
+        if frame is not None:
+            own = first.setdefault((_composed(base), extension.lower()), own)
+        groups.setdefault(own, []).append(name)
     return groups
+
+
+def _file_names(folder: Path) -> list[str]:
+    """Return the names in a folder but those of folders, in order."""
+    return sorted(name for name in os.listdir(folder) if not os.path.isdir(folder / name))
+
+
+def _composed(name: str) -> str:
+    """Return a name with its accents composed: some file systems take them apart."""
+    return unicodedata.normalize("NFC", name)
 
 
 def _titles(groups: dict[tuple[str, str], list[str]]) -> list[str]:
@@ -192,17 +243,33 @@ def _titles(groups: dict[tuple[str, str], list[str]]) -> list[str]:
 def _by_frame(folder: Path, names: list[str], base: str, extension: str) -> dict[int, Path]:
     """Return those files by frame whose name is the base, a frame number and the extension."""
     sign = "-?" if not base or base[-1] in "._" else ""
-    frame_file = re.compile(f"{re.escape(base)}({sign}[0-9]+){re.escape(extension)}")
+    start, end = re.escape(_composed(base)), f"(?i:{re.escape(_composed(extension))})"
+    frame_file = re.compile(f"{start}({sign}[0-9]+){end}")
     files: dict[int, Path] = {}
-    for match in filter(None, map(frame_file.fullmatch, names)):
+    for name in names:
+        match = frame_file.fullmatch(_composed(name))
+        if match is None:
+            continue
         frame = int(match[1])
         if frame in files:
             raise InputError(
                 f"{shown(folder)}: frame {frame} is there twice ({shown(files[frame].name)}, "
-                f"{shown(match[0])}); expected one file a frame. Remove one."
+                f"{shown(name)}); expected one file a frame. Remove one."
             )
-        files[frame] = folder / match[0]
+        files[frame] = folder / name
+    if files:
+        _check_whole(folder, names, files, re.compile(f"{start}{_SUBFRAME}{end}"))
     return dict(sorted(files.items()))
+
+
+def _check_whole(
+    folder: Path, names: list[str], files: dict[int, Path], subframe: re.Pattern[str]
+) -> None:
+    """Refuse frames between whole ones: `sky.1001.5.exr` next to `sky.1001.exr`."""
+    for name in names:
+        match = subframe.fullmatch(_composed(name))
+        if match is not None and min(files) <= int(match[1]) <= max(files):
+            raise _subframe(folder, name)
 
 
 def _by_pattern(path: Path) -> FrameFiles:
@@ -212,27 +279,49 @@ def _by_pattern(path: Path) -> FrameFiles:
             f"{shown(path)}: there is no folder {shown(folder)}; expected a file, a folder or a "
             "pattern such as sky.####.exr. Check the path."
         )
+    names = _file_names(folder)
+    # The last place first: what comes before it is most often a size or a version.
+    places = list(_PAD.finditer(path.name))[::-1]
+    found = [one for place in places for one in _at(folder, names, path, place)]
+    if found:
+        return found[0]
+    if places:
+        base, extension = path.name[: places[0].start()], path.name[places[0].end() :]
+        raise _nothing(path, f"no file is named {shown(base)}<frame>{shown(extension)}")
+    raise _nothing(path, "is not there")
+
+
+def _at(folder: Path, names: list[str], path: Path, place: re.Match[str]) -> Iterator[FrameFiles]:
+    """Yield what a pattern means if its frame is at a place, with a range there and without."""
+    extension = path.name[place.end() :]
+    starts = [place.start("pad")] if place["range"] is None else [place.start(), place.start("pad")]
+    for start in starts:
+        base = path.name[:start]
+        files = _by_frame(folder, names, base, extension)
+        if files:
+            text = path.name[start : place.start("pad")]
+            yield FrameFiles(folder, base, extension, files, _asked(text, path) if text else None)
+
+
+def _asked(text: str, path: Path) -> tuple[int, ...]:
+    """Return the frames that the range of a pattern asks for, as fileseq reads it."""
     try:
-        pattern = FileSequence(path.name)
+        frames = FileSequence(f"_.{text}#.exr").frameRange()
     except ValueError as error:
         raise InputError(
             f"{shown(path)}: is no pattern ({compressed(str(error))}); expected one such as "
             "sky.####.exr or sky.1001-1048#.exr."
         ) from error
-    padding = str(pattern.padding())
-    # For a plain `sky.1001.exr` fileseq makes up a padding; in a pattern it is written out.
-    if not padding or padding not in path.name:
-        raise _nothing(path, "is not there")
-    base, extension, text = pattern.basename(), pattern.extension(), pattern.frameRange()
-    files = _by_frame(folder, sorted(os.listdir(folder)), base, extension)
-    if not files:
-        raise _nothing(path, f"no file is named {shown(base)}<frame>{shown(extension)}")
-    asked = frame_set(text, shown(path)) if text else None
-    return FrameFiles(folder, base, extension, files, asked)
+    return frame_set(frames or text, shown(path))
 
 
 def _nothing(path: Path, found: str) -> InputError:
     """Say what is missing and what comes closest in the same folder."""
+    if has_backslash(path):
+        return InputError(
+            f"{shown(path)}: {found}; expected a file, a folder or a pattern. A backslash "
+            f"separates no folders here: write {shown(forward(path))}."
+        )
     titles = _titles(_groups(path.parent))
     nearest = difflib.get_close_matches(path.name, titles, n=1, cutoff=0) or ["no image at all"]
     return InputError(

@@ -21,6 +21,16 @@ def shown(path: str | Path) -> str:
     return "".join(character if character.isprintable() else "?" for character in text)
 
 
+def has_backslash(path: str | Path) -> bool:
+    """Tell whether a path has backslashes where they separate no folders."""
+    return os.sep == "/" and "\\" in str(path)
+
+
+def forward(path: str | Path) -> str:
+    """Return a path with slashes in the place of backslashes."""
+    return str(path).replace("\\", "/")
+
+
 def compressed(finding: str) -> str:
     """Return what a library said as one short clause: no codes, no path, no full stop."""
     line = next((line for line in finding.splitlines() if line.strip()), "no reason given")

@@ -49,7 +49,8 @@ def interop_id(name: str, option: str = "colorspace") -> str:
     plain |= {space: space for space in NAMES}
     if name.lower() in plain:
         return plain[name.lower()]
-    found = OpenImageIO.ColorConfig(CONFIG).resolve(name)
+    # a name that is no text, as half a surrogate pair, is none that OpenColorIO could have
+    found = OpenImageIO.ColorConfig(CONFIG).resolve(name) if shown(name) == name else ""
     for space, known in NAMES.items():
         if known == found:
             return space

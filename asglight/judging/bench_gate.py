@@ -7,6 +7,7 @@ machine serves on another; no second is ever compared with a second of another r
 """
 
 import json
+import os
 import statistics
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -81,6 +82,10 @@ def read_baseline(path: Path) -> dict[str, Any]:
     Raises:
         InputError: It cannot be read, or is none.
     """
+    if os.path.exists(path) and not os.path.isfile(path):  # a pipe would be waited for
+        raise InputError(
+            f"{shown(path)}: is no file; expected a baseline. Write one with --baseline."
+        )
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

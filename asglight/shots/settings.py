@@ -14,7 +14,7 @@ from asglight.errors import InputError
 from asglight.fitting.options import FitOptions, Preset
 from asglight.images import Sequence
 from asglight.images.message import shown
-from asglight.usd.options import STAGE_SUFFIXES
+from asglight.usd.options import STAGE_SUFFIXES, check_stage_name
 
 LOBES_MAX = 512
 """Time and memory of a fit grow with the square of the number of lobes: seven minutes of a core and
@@ -82,13 +82,15 @@ def check_output(output: Path) -> None:
     """Refuse an output that cannot become a USD stage.
 
     Raises:
-        InputError: Its name has another extension, or its folder is not there.
+        InputError: Its name has another extension or is none that USD can refer to, or its folder
+            is not there.
     """
     if output.suffix.lower() not in STAGE_SUFFIXES or "\0" in str(output):
         raise InputError(
             f"{shown(output)}: its extension is {shown(output.suffix) or 'missing'}; expected "
             f"{', '.join(STAGE_SUFFIXES[:-1])} or {STAGE_SUFFIXES[-1]}."
         )
+    check_stage_name(output)
     if os.path.isdir(output):
         raise InputError(
             f"{shown(output)}: is a folder; expected a file to write. Choose another name."

@@ -8,10 +8,11 @@ it ends.
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 
 from asglight.errors import InputError
 from asglight.images import ocio
-from asglight.images.message import shown
+from asglight.images.message import forward, has_backslash, shown
 
 STAGE_SUFFIXES = (".usda", ".usdc", ".usd", ".usdz")
 """Text, crate, crate, and a package of a crate with the dome's images."""
@@ -24,6 +25,8 @@ DOME_HEIGHT = 256
 """Rows of the dome's images: texels of 0.7 degrees. With half as many, a lamp narrower than a
 texel moves so far that a ball of roughness 0.25 is 2 % off, and in Blender, which interpolates, 4 %
 (docs/dcc.md)."""
+
+_ARGUMENTS = ":SDF_FORMAT_ARGS:"
 
 UP_AXES = ("Y", "Z")
 
@@ -72,6 +75,27 @@ class StageOptions:
     def card_distance(self) -> float:
         """Return the distance of the cards in stage units."""
         return DISTANCE_M / self.meters_per_unit if self.distance is None else self.distance
+
+
+def check_stage_name(path: Path) -> None:
+    """Refuse a name that USD could not refer to from within the stage.
+
+    Raises:
+        InputError: It has control characters, or backslashes on a system where they are letters,
+            or USD takes a part of it for arguments.
+    """
+    if not path.name.isprintable():
+        raise InputError(f"{shown(path)}: control characters in the name; expected none.")
+    if has_backslash(path.name):
+        raise InputError(
+            f"{shown(path)}: has a backslash, which separates no folders here and which USD cannot "
+            f"refer to; expected slashes. Write {shown(forward(path))}."
+        )
+    if _ARGUMENTS in path.name:
+        raise InputError(
+            f"{shown(path)}: has {_ARGUMENTS} in its name, which USD takes for arguments; expected "
+            "another name."
+        )
 
 
 def check_stage_options(options: StageOptions) -> None:

@@ -3,7 +3,8 @@
 
 asglight has +Y up. In a stage with +Z up everything is turned by 90 degrees about X, which takes
 (x, y, z) to (x, -z, y), as `UsdLuxDomeLight::OrientToStageUpAxis` turns a dome's image. The rig
-remembers its axis itself, because USD does not compose the stage's from sublayers and references.
+remembers the axis it was written for, because USD does not compose the stage's from sublayers and
+references; how it stands in a stage with another one is read/placement.py.
 
 asglight's radiance is linear Rec.709. Every space that a stage may have contains it, so amplitudes
 stay at or above 0; a light that was given a colour outside Rec.709 comes back with its nearest
@@ -12,7 +13,9 @@ component at 0.
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from pxr import Usd
 
 from asglight.images import ocio
@@ -50,23 +53,21 @@ def space_of(rig: Usd.Prim) -> Space:
 
 def to_stage(lobes: Lobes, space: Space) -> Lobes:
     """Return lobes as a stage holds them.  [..., N, .]."""
-    lobes = _in_colorspace(lobes, ocio.REC709, space.colorspace)
-    if space.up_axis == "Y":
-        return lobes
-    x, y, z = lobes.axes.unbind(-1)
-    return replace(lobes, axes=torch.stack([x, -z, y], dim=-1))
+    lobes = in_colorspace(lobes, ocio.REC709, space.colorspace)
+    return replace(
+        lobes, axes=lobes.axes @ torch.from_numpy(from_y_up(space.up_axis)).to(lobes.axes)
+    )
 
 
-def from_stage(lobes: Lobes, space: Space) -> Lobes:
-    """Return lobes that a stage holds as asglight has them, undoing `to_stage`.  [..., N, .]."""
-    lobes = _in_colorspace(lobes, space.colorspace, ocio.REC709)
-    if space.up_axis == "Y":
-        return lobes
-    x, y, z = lobes.axes.unbind(-1)
-    return replace(lobes, axes=torch.stack([x, z, -y], dim=-1))
+def from_y_up(up_axis: str) -> NDArray[np.float64]:
+    """Return the matrix from +Y up to the up axis of a stage, for row vectors.  [3, 3]."""
+    if up_axis == "Y":
+        return np.eye(3)
+    return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
-def _in_colorspace(lobes: Lobes, source: str, target: str) -> Lobes:
+def in_colorspace(lobes: Lobes, source: str, target: str) -> Lobes:
+    """Return lobes with their amplitudes in another space, by Color Interop ID.  [..., N, .]."""
     if source == target:
         return lobes
     amplitude = lobes.amplitude.double() @ ocio.matrix(source, target).to(lobes.amplitude.device).T

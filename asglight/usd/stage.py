@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stage on disk: opened with one clear message where it cannot be, and its lobes found."""
+"""A stage: opened with one clear message where it cannot be, and its lobes found."""
 
 import itertools
+import stat
 import tempfile
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,29 +11,34 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Ar, Sdf, Tf, Usd, UsdLux, Vt
+from pxr import Ar, Sdf, Tf, Usd, UsdUtils, Vt
 
 from asglight.errors import InputError
 from asglight.images.latlong_image import read_header
 from asglight.images.message import shown
 from asglight.usd import schema
+from asglight.usd.check.absence import why_without_lobes
 from asglight.usd.check.references import UnreadableError, checked_layers
 from asglight.usd.faults import reason
+from asglight.usd.schema import Representation
 
 
-def open_stage(path: str | Path) -> Usd.Stage:
-    """Open a stage, payloads unloaded, as it is on disk now.
+def open_stage(path: str | Path | Usd.Stage) -> Usd.Stage:
+    """Open a stage with its payloads, as it is on disk now; one that is open is taken as it is.
 
     Raises:
         InputError: There is no file, USD cannot read it, or it refers to layers that are not to be
             opened unasked (references.py).
     """
+    if isinstance(path, Usd.Stage):
+        return path
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{shown(path)}: no such file; expected a USD stage.")
-    with readable(path):
+    found = _not_a_file(path)
+    if found:
+        raise InputError(f"{shown(path)}: {found}; expected a USD stage.")
+    with readable(path), _quiet():
         kept = checked_layers(path)
-        stage = Usd.Stage.Open(str(path), Usd.Stage.LoadNone)
+        stage = Usd.Stage.Open(str(path))
         del kept
         # USD keeps a layer in memory while anyone in the process holds it; a rewritten file is
         # reread, but nobody's unsaved edits are dropped.
@@ -43,8 +48,38 @@ def open_stage(path: str | Path) -> Usd.Stage:
     return stage
 
 
+def _not_a_file(path: Path) -> str:
+    """Return what a path is that is no file to read; empty for a file."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return "no such file"
+    except (OSError, ValueError) as error:  # a name too long, a loop of links, a zero byte
+        return f"is no file ({getattr(error, 'strerror', None) or 'no name a file can have'})"
+    if stat.S_ISDIR(mode):
+        return "is a folder"
+    return "" if stat.S_ISREG(mode) else "is no file"
+
+
 @contextmanager
-def readable(path: str | Path) -> Iterator[None]:
+def _quiet() -> Iterator[None]:
+    """Keep what USD warns of while it composes from standard error; `open_rig` says what counts."""
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        yield
+    finally:
+        delegate.TakeUncoalescedDiagnostics()
+
+
+def name_of(path: str | Path | Usd.Stage) -> str:
+    """Return what to call a stage in a message."""
+    if isinstance(path, Usd.Stage):
+        return shown(path.GetRootLayer().realPath or path.GetRootLayer().identifier)
+    return shown(path)
+
+
+@contextmanager
+def readable(path: str | Path | Usd.Stage) -> Iterator[None]:
     """Raise what USD says of a file that is damaged within as one line that names it.
 
     Raises:
@@ -62,61 +97,104 @@ def readable(path: str | Path) -> Iterator[None]:
         raise _unreadable(path, error.strerror or "it vanished") from error
 
 
-def _unreadable(path: str | Path, said: str) -> InputError:
+def _unreadable(path: str | Path | Usd.Stage, said: str) -> InputError:
     return InputError(
-        f"{shown(path)}: not readable as USD ({said}); expected a USD stage. Is the file whole?"
+        f"{name_of(path)}: not readable as USD ({said}); expected a USD stage. Is the file whole?"
     )
+
+
+def prims_of(stage: Usd.Stage) -> Iterator[Usd.Prim]:
+    """Yield every prim that a renderer meets, those within instances too."""
+    yield from Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies())
+
+
+def prims_below(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """Yield a prim and all below it that a renderer meets, within instances too."""
+    yield from Usd.PrimRange(prim, Usd.TraverseInstanceProxies())
+
+
+def child_of(prim: Usd.Prim, name: str) -> Usd.Prim:
+    """Return a child by name, also of an instance, whose `GetChild` finds none."""
+    return prim.GetStage().GetPrimAtPath(prim.GetPath().AppendChild(name))
+
+
+def find_rigs(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Return the prims that hold a scope of lobes and that a renderer meets.
+
+    Those are the default prim, /AsgRig and all that asglight has marked.
+    """
+    usual = (stage.GetDefaultPrim(), stage.GetPrimAtPath(f"/{schema.RIG}"))
+    marked = (prim for prim in prims_of(stage) if prim.GetCustomDataByKey(schema.CUSTOM_DATA))
+    found: dict[Sdf.Path, Usd.Prim] = {}
+    for prim in itertools.chain(usual, marked):
+        if prim and prim.IsActive() and prim.IsDefined() and not prim.IsAbstract():
+            scope = child_of(prim, schema.LOBES)
+            if scope and scope.IsDefined():  # an override alone, as in a variant, defines nothing
+                found.setdefault(prim.GetPath(), prim)
+    return list(found.values())
 
 
 def find_rig(stage: Usd.Stage) -> Usd.Prim | None:
-    """Return the prim that holds the lobes' scope.
-
-    It is the default prim, /AsgRig, or else the first that asglight has marked as one.
-    """
-    marked = (prim for prim in stage.Traverse() if prim.GetCustomDataByKey(schema.CUSTOM_DATA))
-    usual = (stage.GetDefaultPrim(), stage.GetPrimAtPath(f"/{schema.RIG}"))
-    for prim in itertools.chain(usual, marked):
-        scope = prim.GetChild(schema.LOBES) if prim else None
-        if scope and scope.IsDefined():  # an override alone, as in a variant, defines nothing
-            return prim
-    return None
+    """Return the first prim that holds a scope of lobes, or None."""
+    return next(iter(find_rigs(stage)), None)
 
 
-def representation_of(path: str | Path) -> str | None:
-    """Return the variant that a stage opens with: the lights that a renderer sees.
+def representation_of(path: str | Path | Usd.Stage, rig: str | None = None) -> str | None:
+    """Return the representation that a stage opens with: the lights that a renderer sees.
 
     Raises:
-        InputError: There is no file, or USD cannot read it.
+        InputError: As `open_rig`.
     """
-    stage = open_stage(path)  # kept: the rig dies with its stage
-    with readable(path):
-        rig = find_rig(stage)
-        return rig.GetVariantSet(schema.VARIANT_SET).GetVariantSelection() or None if rig else None
+    stage, prim = open_rig(path, rig)  # the stage is kept: the rig dies with it
+    with readable(stage):
+        return shown_representation(prim)
 
 
-def open_rig(path: str | Path) -> tuple[Usd.Stage, Usd.Prim]:
+def shown_representation(rig: Usd.Prim) -> Representation | None:
+    """Return which representation a rig shows; None where it shows none.
+
+    That is the selected variant; of a rig without variants, as after flattening, what its lights
+    are.
+    """
+    variants = rig.GetVariantSet(schema.VARIANT_SET)
+    if variants.GetVariantNames():
+        selected = variants.GetVariantSelection()
+        return Representation(selected) if selected in set(Representation) else None
+    if child_of(rig, schema.DOME):
+        return Representation.DOME
+    kinds = {str(prim.GetTypeName()) for prim in prims_below(rig)}
+    if child_of(rig, schema.FILL) or schema.LIGHT_TYPES[Representation.CARDS] in kinds:
+        return Representation.CARDS
+    has_distant = schema.LIGHT_TYPES[Representation.DISTANT] in kinds
+    return Representation.DISTANT if has_distant else None
+
+
+def open_rig(path: str | Path | Usd.Stage, rig: str | None = None) -> tuple[Usd.Stage, Usd.Prim]:
     """Open a stage and find its rig; keep the stage, for the rig dies with it.
 
+    Args:
+        path: The stage.
+        rig: Path of the prim that holds the lobes, of a stage with several; None for the only one.
+
     Raises:
-        InputError: There is no such stage, or it holds no lobes.
+        InputError: There is no such stage, it holds no lobes, or several rigs and none is named.
     """
     stage = open_stage(path)
     with readable(path):
-        rig = find_rig(stage)
-        if rig is None or not lobe_prims(rig):
-            raise InputError(f"{shown(path)}: {_other_lights(stage)}")
-    return stage, rig
-
-
-def _other_lights(stage: Usd.Stage) -> str:
-    """Say what a stage without lobes holds instead, and what to do with it."""
-    kinds = Counter(prim.GetTypeName() for prim in stage.Traverse() if prim.HasAPI(UsdLux.LightAPI))
-    lights = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-    found = f"holds {lights}, and no" if lights else "holds no"
-    return (
-        f"{found} {schema.LOBE_API} prim; expected the lobes of a stage that asglight wrote. "
-        "Fit the environment's images: asglight fit INPUT -o STAGE."
-    )
+        rigs = [prim for prim in find_rigs(stage) if lobe_prims(prim)]
+        listed = ", ".join(str(prim.GetPath()) for prim in rigs)
+        if not rigs:
+            raise InputError(f"{name_of(path)}: {why_without_lobes(stage)}")
+        if rig is not None:
+            rigs = [prim for prim in rigs if str(prim.GetPath()) == rig]
+        if not rigs:
+            raise InputError(f"{name_of(path)}: {shown(rig or '')} holds no lobes; {listed} does.")
+        if len(rigs) > 1:
+            raise InputError(
+                f"{name_of(path)}: holds {len(rigs)} rigs ({listed}), whose light adds up; "
+                f"expected one. Name the one to read: --rig {rigs[0].GetPath()}."
+            )
+    return stage, rigs[0]
 
 
 def rig_data(rig: Usd.Prim) -> dict[str, Any]:
@@ -133,18 +211,7 @@ def has_lobe_api(prim: Usd.Prim) -> bool:
 
 def lobe_prims(rig: Usd.Prim) -> list[Usd.Prim]:
     """Return the active lobes of a rig in their order."""
-    return [prim for prim in rig.GetChild(schema.LOBES).GetChildren() if has_lobe_api(prim)]
-
-
-def lobe_names_of(path: str | Path) -> list[str]:
-    """Return the names of a stage's lobes, in the order in which `read_usd` gives them.
-
-    Raises:
-        InputError: There is no such stage.
-    """
-    stage = open_stage(path)  # kept: the rig dies with its stage
-    rig = find_rig(stage)
-    return [prim.GetName() for prim in lobe_prims(rig)] if rig else []
+    return [prim for prim in child_of(rig, schema.LOBES).GetChildren() if has_lobe_api(prim)]
 
 
 def image_height(resolved: str) -> int:

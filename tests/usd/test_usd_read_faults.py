@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from pxr import Gf, Sdf, Vt
+from pxr import Gf, Sdf
 from usd_tracks import edited, moving
 
 from asglight.errors import InputError
@@ -35,7 +35,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 
 def test_a_folder_is_no_stage(tmp_path):
-    assert "no such file" in refused(tmp_path)
+    assert "is a folder; expected a USD stage" in refused(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["shot.usda", "shot.usdc", "shot.usd", "shot.exr"])
@@ -114,14 +114,17 @@ DAMAGES = {
     "orient": (change("xformOp:orient", Gf.Quatf(0)), r"is \(0, 0, 0, 0\) .* a unit quaternion"),
     "form": (form("cone"), "asg:form is asg, cone; expected one of asg, bingham, sg, flat for all"),
     "two forms": (form("sg"), "asg:form is asg, sg; expected one of"),
-    "range": (lambda la: la.pseudoRoot.ClearInfo("endTimeCode"), "frame range 1001 to 0"),
-    "rate": (lambda la: setattr(la, "timeCodesPerSecond", 0.0), "0 time codes a second"),
-    "fraction": (lambda la: setattr(la, "endTimeCode", 1005.5), "frame range 1001 to 1005.5"),
-    "huge": (lambda la: setattr(la, "endTimeCode", 1e9), r"frame range 1001 to 1e\+09"),
-    "no frames": (
-        custom(frames=Vt.IntArray([7])),
-        "1 listed frames; expected ascending ones in 1001 to 1005",
+    "range": (
+        lambda la: setattr(la, "endTimeCode", 1000.0),
+        "frame range 1001 to 1000; expected startTimeCode at or before endTimeCode",
     ),
+    "between": (
+        lambda la: (setattr(la, "startTimeCode", 1001.25), setattr(la, "endTimeCode", 1001.5)),
+        "frame range 1001.25 to 1001.5; expected .* a whole number from one to the other",
+    ),
+    "rate": (lambda la: setattr(la, "timeCodesPerSecond", 0.0), "0 time codes a second"),
+    "huge": (lambda la: setattr(la, "endTimeCode", 1e9), r"frame range 1001 to 1e\+09"),
+    "no frames": (custom(frames="all"), "damaged frames in the rig's custom data"),
     "version": (custom(version=2), "layout version 2; expected a number up to 1"),
     "no version": (
         lambda la: la.GetPrimAtPath("/AsgRig").ClearInfo("customData"),

@@ -168,9 +168,8 @@ def test_the_option_follows(
         trust._ASKED.follows_outside = False
         assert main(command) == 2
         assert "outside its folder" in capfd.readouterr().err
-        assert main([*command, "--follow-references"]) == 2
-        # it was followed: what it lacks is the frame range that USD reads from the root layer only
-        assert "frame range 0 to 0" in capfd.readouterr().err
+        assert main([*command, "--follow-references"]) == 0
+        assert "2 frames (1-2)" in capfd.readouterr().out
 
 
 def test_an_image_outside_the_folder_is_not_opened(tmp_path: Path) -> None:

@@ -6,11 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from pxr import Gf, Usd, UsdGeom, UsdLux, UsdValidation
 from usd_tracks import assert_same, moving
 
 from asglight.lobes import Form
-from asglight.usd import Representation, lint_stage, read_usd, write_edit_layer, write_usd
+from asglight.usd import (
+    Representation,
+    lint_stage,
+    read_stage,
+    read_usd,
+    write_edit_layer,
+    write_usd,
+)
 
 FRAMES = (1001, 1002, 1005)
 
@@ -84,14 +92,20 @@ def test_the_same_tracks_come_back(form, extension, tmp_path):
     assert_same(read_usd(path), tracks)
 
 
-def test_a_layer_over_the_stage_that_forgot_the_axis_has_the_same_lobes(tmp_path):
+def test_a_layer_over_the_stage_that_forgot_the_axis_is_read_as_usd_reads_it(tmp_path):
     written(tmp_path)
     over = tmp_path / "over.usda"
     over.write_text(
         '#usda 1.0\n(\n defaultPrim = "AsgRig"\n startTimeCode = 1001\n endTimeCode = 1005\n'
         " subLayers = [@./z.usda@]\n)\n"
     )
-    assert_same(read_usd(over), moving(FRAMES))
+    reading = read_stage(over)
+    x, y, z = moving(FRAMES).lobes.axis_z.unbind(-1)
+    np.testing.assert_allclose(reading.tracks.lobes.axis_z, torch.stack([x, -z, y], -1), atol=1e-6)
+    assert reading.changes == (
+        "/AsgRig: turned by 90 degrees with all its lobes (it was written Z-up, and the shot is "
+        "Y-up, as it states no upAxis)",
+    )
     assert "/: upAxis is 'Y'; expected an explicit Z, as the lobes have" in lint_stage(over)
 
 

@@ -19,7 +19,7 @@ from asglight.usd import schema
 from asglight.usd.check.references import may_open
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_of
-from asglight.usd.stage import find_rig, has_lobe_api, image_file, numbers, open_stage
+from asglight.usd.stage import child_of, find_rig, has_lobe_api, image_file, numbers, open_stage
 
 LIMITS = {
     schema.COLOR: (0.0, 1.0),
@@ -111,7 +111,7 @@ def _range_findings(stage: Usd.Stage, times: set[float]) -> Iterator[str]:
 
 
 def _lobe_findings(rig: Usd.Prim) -> Iterator[str]:
-    lobes = rig.GetChild(schema.LOBES).GetChildren()
+    lobes = child_of(rig, schema.LOBES).GetChildren()
     if not lobes:
         yield f"{rig.GetPath()}/{schema.LOBES}: empty; expected lobes"
     for lobe in lobes:
@@ -122,7 +122,7 @@ def _lobe_findings(rig: Usd.Prim) -> Iterator[str]:
 def _representation_findings(rig: Usd.Prim, representation: Representation) -> Iterator[str]:
     """Check that each lobe, or the dome, is lit, and that no other kind of light is active."""
     expected = schema.LIGHT_TYPES[representation]
-    fill = rig.GetChild(schema.FILL) if representation is Representation.CARDS else Usd.Prim()
+    fill = child_of(rig, schema.FILL) if representation is Representation.CARDS else Usd.Prim()
     filled = bool(fill) and fill.GetTypeName() == schema.LIGHT_TYPES[Representation.DOME]
     for light in Usd.PrimRange(rig):
         if filled and light == fill:
@@ -133,7 +133,7 @@ def _representation_findings(rig: Usd.Prim, representation: Representation) -> I
                 f"expected only {expected}"
             )
     dome = representation is Representation.DOME
-    lit = [rig] if dome else [] if filled else rig.GetChild(schema.LOBES).GetChildren()
+    lit = [rig] if dome else [] if filled else child_of(rig, schema.LOBES).GetChildren()
     for prim in lit:
         if not any(light.HasAPI(UsdLux.LightAPI) for light in Usd.PrimRange(prim)):
             yield f"{prim.GetPath()}: no light in {representation}; expected a {expected}"

@@ -9,7 +9,9 @@ would author, and where they differ the lobe is changed to one whose lights they
   stands where its centre is seen from the rig's origin;
 - sharpness: so that the derived sizes are the edited ones; a card's size scales with its distance;
 - amplitude: so that the derived light is the edited one, in each channel;
-- a lobe that is invisible is black; a rig or a dome that was turned turns all lobes.
+- a lobe that is invisible, or whose light is gone, is black;
+- a dome that was turned turns its lobes;
+- how the rig stands in the shot turns all lobes (placement.py).
 
 A lobe whose own attributes were overridden is what they say, whatever its lights are: its digest
 (asglight.usd.digest) is no longer that of what was written.
@@ -17,27 +19,26 @@ A lobe whose own attributes were overridden is what they say, whatever its light
 Dimension letters: F frames, N lobes.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom, UsdLux
 from torch import Tensor
 
-from asglight.lobes import Form, Lobes, frames
+from asglight.lobes import Form, Lobes
 from asglight.usd import schema
 from asglight.usd.digest import has_own_edits
 from asglight.usd.lights.cards import Kind
-from asglight.usd.read.held_lights import EDITED, Array, LobeLights, View, Written, held_lights
+from asglight.usd.read.held_lights import EDITED, Array, LobeLights, Written, held_lights
+from asglight.usd.read.placement import Placement, turn_words, turned
 from asglight.usd.read.read_options import card_kinds, threefold_lobes
+from asglight.usd.read.view import View
 from asglight.usd.schema import Representation
+from asglight.usd.stage import child_of, prims_below, shown_representation
 from asglight.usd.write.checks import SHARPNESS_RANGE
-
-TURNED_DEG = 0.01
-"""Of a light whose transform is not the authored one: float32 matrices keep a hundredth of that."""
 
 STEPS = 40
 """Of the fixed point from sizes to sharpness: narrow lobes, whose squared sines are in inverse
@@ -53,29 +54,33 @@ def with_light_edits(
     lobes: Lobes,
     times: tuple[int, ...],
     distance: float,
+    placement: Placement,
+    colorspace: str,
 ) -> tuple[Lobes, list[str]]:
-    """Return the lobes that the lights of the selected variant show.
+    """Return the lobes that the lights of the selected variant show, as asglight has them turned.
 
     Args:
         rig: The prim that holds the lobes.
         prims: Those of the lobes.
-        lobes: As their own attributes say, in the stage's space.  [F, N, .]
+        lobes: As their own attributes say, in the rig's space.  [F, N, .]
         times: Frame numbers.
         distance: Of the cards as written.
+        placement: How the rig stands in the stage.
+        colorspace: Color Interop ID of the rig's colours.
 
     Returns:
         The lobes, and what was changed, one line each: `<prim>: <what>`.
     """
-    selected = rig.GetVariantSet(schema.VARIANT_SET).GetVariantSelection()
+    representation = shown_representation(rig)
     changes = [
         f"{prim.GetPath()}: switched off"
-        for prim in rig.GetChild(schema.LOBES).GetAllChildren()
+        for prim in child_of(rig, schema.LOBES).GetAllChildren()
         if not prim.IsActive()
     ]
     lobes = lobes.to(torch.float64)
-    if selected in set(Representation):
+    if representation is not None:
         kinds, threefold = card_kinds(rig), threefold_lobes(rig)
-        view = View(rig, times, Representation(selected), distance, kinds, threefold)
+        view = View(rig, times, representation, distance, placement, colorspace, kinds, threefold)
         if view.representation is Representation.DOME:
             lobes, found = _with_dome(view, lobes, schema.DOME, [True] * len(prims))
         else:
@@ -88,8 +93,8 @@ def with_light_edits(
             changes += found
     lobes, found = _with_visibility(prims, lobes, times)
     changes += found
-    lobes, found = _turned_rig(rig, lobes, times)
-    return lobes.to(torch.float32), changes + found
+    changes += [f"{rig.GetPath()}: {word}" for word in placement.words()]
+    return turned(lobes, placement.to_world).to(torch.float32), changes
 
 
 def _with_lights(view: View, prims: Sequence[Usd.Prim], lobes: Lobes) -> tuple[Lobes, list[str]]:
@@ -104,10 +109,13 @@ def _with_lights(view: View, prims: Sequence[Usd.Prim], lobes: Lobes) -> tuple[L
         held = held_lights(prim, own, written)
         if held is None:
             kind = schema.LIGHT_TYPES[view.representation]
-            changes.append(f"{prim.GetPath()}: has no {kind}; its lobe is as it was")
+            is_other = any(one.HasAPI(UsdLux.LightAPI) for one in prims_below(prim))
+            lobes.amplitude[:, index] *= is_other
+            then = "its lobe is as it was" if is_other else "so it is black"
+            changes.append(f"{prim.GetPath()}: has no {kind}; {then}")
             continue
         was = written.together(written.lights)
-        words = _words(view, was, held)
+        words = _words(view, was, held, view.written_at(prim))
         if words:
             changes.append(f"{prim.GetPath()}: {', '.join(words)}")
 
@@ -121,19 +129,19 @@ def _with_lights(view: View, prims: Sequence[Usd.Prim], lobes: Lobes) -> tuple[L
     return lobes, changes
 
 
-def _words(view: View, was: LobeLights, held: LobeLights) -> list[str]:
-    """Say what differs."""
+def _words(view: View, was: LobeLights, held: LobeLights, written: NDArray[np.bool_]) -> list[str]:
+    """Say what differs in the frames that were written."""
     words = []
     if held.turn is not None:
-        moved = _largest_turn_deg(held.turn)
-        words += [f"turned by {moved:.3g} degrees"] if moved > TURNED_DEG else []
+        words += turn_words(held.turn[written])
     for k, name in enumerate(view.size_names):
-        words += _factor(name.removeprefix("inputs:"), was.sizes[:, k], held.sizes[:, k])
-    brightness = [light.max(-1) for light in (was.light, held.light)]
+        sizes = was.sizes[written, k], held.sizes[written, k]
+        words += _factor(name.removeprefix("inputs:"), *sizes)
+    brightness = [light.max(-1) for light in (was.light[written], held.light[written])]
     words += _factor("light", *brightness)
     tint = [
         light / np.maximum(most, np.finfo(float).tiny)[:, None]
-        for light, most in zip((was.light, held.light), brightness, strict=True)
+        for light, most in zip((was.light[written], held.light[written]), brightness, strict=True)
     ]
     lit = (brightness[0] > 0) & (brightness[1] > 0)
     if bool((np.abs(tint[0] - tint[1])[lit] > EDITED).any()):
@@ -152,11 +160,6 @@ def _factor(name: str, was: Array, held: Array) -> list[str]:
     low, high = float(ratio.min()), float(ratio.max())
     span = f"{high:.3g}" if high - low <= EDITED * high else f"{low:.3g} to {high:.3g}"
     return [f"{name} x {span}"]
-
-
-def _largest_turn_deg(turns: Array) -> float:
-    cosine = (np.trace(turns, axis1=1, axis2=2) - 1) / 2
-    return math.degrees(math.acos(float(np.clip(cosine.min(), -1, 1))))
 
 
 def _changed(view: View, own: Lobes, was: LobeLights, held: LobeLights, derived: Derived) -> Lobes:
@@ -195,11 +198,14 @@ def _with_dome(
     view: View, lobes: Lobes, name: str, shown: Sequence[bool]
 ) -> tuple[Lobes, list[str]]:
     """Apply the edits of a dome to the lobes that it shows."""
-    dome = view.rig.GetChild(name)
-    if not dome or dome.GetTypeName() != schema.LIGHT_TYPES[Representation.DOME]:
-        where = f"{view.rig.GetPath()}: has no DomeLight"
-        return lobes, [f"{where}; its lobes are as they were"]
+    dome = child_of(view.rig, name)
     own = torch.tensor(list(shown))[:, None]
+    if not dome or not dome.IsActive():
+        lobes = replace(lobes, amplitude=torch.where(own, 0.0, lobes.amplitude))
+        path = view.rig.GetPath().AppendChild(name)
+        return lobes, [f"{path}: {'switched off' if dome else 'is gone'}, so its lobes are black"]
+    if dome.GetTypeName() != schema.LIGHT_TYPES[Representation.DOME]:
+        return lobes, [f"{dome.GetPath()}: is no DomeLight; its lobes are as they were"]
     light = view.brightness(dome) * ~view.hidden(dome)[:, None]
     words = _factor("light", np.ones(len(light)), light.max(-1))
     words += ["another colour"] if np.ptp(light, axis=-1).max() > EDITED else []
@@ -210,33 +216,13 @@ def _with_dome(
     authored = Gf.Matrix4d(1)
     if upright and upright.Get() is not None:
         authored.SetRotate(Gf.Rotation(Gf.Vec3d.XAxis(), upright.Get()))
-    turns = _turns(lambda cache: cache.ComputeRelativeTransform(dome, view.rig)[0], view.times)
-    turns = np.array(authored)[:3, :3].T @ turns
-    if (moved := _largest_turn_deg(turns)) > TURNED_DEG:
-        words.append(f"turned by {moved:.3g} degrees")
-        turned = lobes.axes @ torch.from_numpy(turns)[:, None]
-        lobes = replace(lobes, axes=torch.where(own[..., None], turned, lobes.axes))
+    left, _, right = np.linalg.svd(view.placement.relative(view.world(dome))[:, :3])
+    turns = np.array(authored)[:3, :3].T @ (left @ right)
+    if found := turn_words(turns):
+        words += found
+        axes = torch.where(own[..., None], turned(lobes, turns).axes, lobes.axes)
+        lobes = replace(lobes, axes=axes)
     return lobes, [f"{dome.GetPath()}: {', '.join(words)}"] if words else []
-
-
-def _turned_rig(rig: Usd.Prim, lobes: Lobes, times: tuple[int, ...]) -> tuple[Lobes, list[str]]:
-    """Turn the lobes with the rig; its place does not matter to a light that is far."""
-    turns = _turns(lambda cache: cache.GetLocalToWorldTransform(rig), times)
-    moved = _largest_turn_deg(turns)
-    if moved <= TURNED_DEG:
-        return lobes, []
-    turned = replace(lobes, axes=lobes.axes @ torch.from_numpy(turns)[:, None])
-    return turned, [f"{rig.GetPath()}: turned by {moved:.3g} degrees with all its lobes"]
-
-
-def _turns(matrix: Callable[[UsdGeom.XformCache], Gf.Matrix4d], times: tuple[int, ...]) -> Array:
-    """Return the rotation in a transform at every frame, for row vectors.  [F, 3, 3]."""
-    cache, found = UsdGeom.XformCache(), []
-    for time in times:
-        cache.SetTime(time)
-        rows = torch.from_numpy(np.array(matrix(cache))[:3, :3].copy())
-        found.append(frames.orthonormal(rows).numpy())
-    return np.stack(found)
 
 
 def _with_visibility(

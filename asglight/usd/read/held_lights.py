@@ -16,14 +16,15 @@ from typing import Self
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt
+from pxr import Gf, Usd, Vt
 
-from asglight.lobes import Lobes, asg, frames
+from asglight.lobes import Lobes, frames
 from asglight.usd import schema
-from asglight.usd.lights import cards, distant
+from asglight.usd.lights import cards
 from asglight.usd.lights.light import Light
-from asglight.usd.schema import Representation
-from asglight.usd.stage import DamagedValueError, numbers
+from asglight.usd.read.seen_cards import seen_from_origin
+from asglight.usd.read.view import View
+from asglight.usd.stage import DamagedValueError, prims_below
 
 EDITED = 1e-3
 """Relative. Programs write four digits or more, and nobody sees less; samples that were left out
@@ -60,84 +61,6 @@ class LobeLights:
     light: Array
     turn: Array | None = None
     apart: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class View:
-    """What is looked at.
-
-    Attributes:
-        rig: The prim that holds the lobes.
-        times: Frame numbers.  F
-        representation: The variant that is selected.
-        distance: Of the cards as written.
-        kinds: Of each lobe in `cards`.
-        threefold: Of each lobe in `distant`: whether it has three lights.
-    """
-
-    rig: Usd.Prim
-    times: tuple[int, ...]
-    representation: Representation
-    distance: float
-    kinds: Sequence[cards.Kind] = ()
-    threefold: Sequence[bool] = ()
-
-    @property
-    def is_cards(self) -> bool:
-        """Tell whether lights are cards."""
-        return self.representation is Representation.CARDS
-
-    @property
-    def size_names(self) -> tuple[str, ...]:
-        """Return the attributes that say how large a light is."""
-        return (schema.WIDTH, schema.HEIGHT) if self.is_cards else (schema.ANGLE,)
-
-    def spread(self, sizes: Array) -> Array:
-        """Return the squared sines of half the angles that lights are seen under.  [F, S]."""
-        if self.is_cards:
-            squares = (sizes / (2 * self.distance)) ** 2
-            return squares / (1 + squares)
-        return np.sin(np.radians(np.minimum(sizes, 180.0)) / 2) ** 2
-
-    def lights(self, lobes: Lobes, indices: Sequence[int]) -> list[list[Light]]:
-        """Return the lights that `write_usd` would author, of the kinds that the stage has.
-
-        Args:
-            lobes: Those of the indices.  [F, N, .]
-            indices: Of the lobes in the stage.
-        """
-        moments = asg.moments(lobes.to(torch.float64))
-        if self.is_cards:
-            return cards.lights(
-                lobes, moments, self.distance, [self.kinds[index] for index in indices]
-            )
-        return distant.lights(lobes, moments, [self.threefold[index] for index in indices])
-
-    def values(self, prim: Usd.Prim, name: str, fallback: object) -> Array:
-        """Return an attribute at every frame, or what stands for one without a value.  [F, K]."""
-        attribute = prim.GetAttribute(name)
-        query = Usd.AttributeQuery(attribute) if attribute else None
-        varies = query is not None and query.ValueMightBeTimeVarying()
-        times = self.times if varies else self.times[:1]
-        found = [query.Get(time) if query else None for time in times]
-        rows = [fallback if value is None else value for value in found]
-        kind = schema.VALUE_TYPES.get(name, Sdf.ValueTypeNames.Float)
-        return np.repeat(numbers(rows, kind), 1 if varies else len(self.times), axis=0)
-
-    def brightness(self, light: Usd.Prim) -> Array:
-        """Return intensity, colour and exposure together.  [F, 3]."""
-        return (
-            self.values(light, schema.INTENSITY, 1.0)
-            * self.values(light, schema.COLOR, Gf.Vec3f(1))
-            * 2.0 ** self.values(light, schema.EXPOSURE, 0.0)
-        )
-
-    def hidden(self, prim: Usd.Prim) -> NDArray[np.bool_]:
-        """Tell in which frames a prim itself is invisible, whatever those above it are.  [F]."""
-        attribute = prim.GetAttribute(UsdGeom.Tokens.visibility)
-        if not attribute or not attribute.HasAuthoredValue():
-            return np.zeros(len(self.times), dtype=bool)
-        return np.array([attribute.Get(time) == UsdGeom.Tokens.invisible for time in self.times])
 
 
 @dataclass(frozen=True)
@@ -198,12 +121,9 @@ def held_lights(prim: Usd.Prim, own: Lobes, written: Written) -> LobeLights | No
         return None
     sizes, light, turns = [], [], []
     for one, authored in zip(found, written.lights, strict=True):
-        size = _sizes(view, authored)
-        value, turn = np.zeros((len(view.times), 3)), None
+        size, value, turn = _sizes(view, authored), np.zeros((len(view.times), 3)), None
         if one:
-            held = np.concatenate([view.values(one, name, 1.0) for name in view.size_names], -1)
-            turn, stretch = _placed(view, prim, one, own, authored)
-            size, value = held * stretch[:, : held.shape[-1]], _lit(_light(view, one, held))
+            size, value, turn = _met(view, prim, one, own, authored)
             if one != prim:  # a hidden lobe is told of as such
                 value = value * ~view.hidden(one)[:, None]
         sizes.append(size)
@@ -211,9 +131,11 @@ def held_lights(prim: Usd.Prim, own: Lobes, written: Written) -> LobeLights | No
         turns.append(turn)
     absent = [light.name for one, light in zip(found, written.lights, strict=True) if not one]
     apart = [f"without {name}" for name in absent]
-    mean_turn, differ = _together(turns, written.shares)
+    mean_turn, between = _together(turns, written.shares)
     stacked = np.stack(sizes, 1), np.stack(light, 1)
-    if not absent and (differ or _differ(written, *stacked)):
+    wrote = view.written_at(prim)
+    turned_apart = bool((between[wrote] < 1 + 2 * np.cos(np.radians(APART_DEG))).any())
+    if not absent and (turned_apart or _differ(written, *stacked, wrote)):
         apart.append(f"its {len(found)} lights differ, their mean counts")
     return written.mean(*stacked, mean_turn, tuple(apart))
 
@@ -235,7 +157,7 @@ def _found(view: View, prim: Usd.Prim, lights: Sequence[Light]) -> list[Usd.Prim
     kind = schema.LIGHT_TYPES[view.representation]
     below = {
         one.GetName() if one != prim else "": one
-        for one in Usd.PrimRange(prim)
+        for one in prims_below(prim)
         if one.GetTypeName() == kind
     }
     if len(lights) == 1 and below:
@@ -244,72 +166,80 @@ def _found(view: View, prim: Usd.Prim, lights: Sequence[Light]) -> list[Usd.Prim
 
 
 def _light(view: View, light: Usd.Prim, sizes: Array) -> Array:
-    """Return radiance of a card, irradiance of a distant light, whatever says it.  [F, 3]."""
+    """Return radiance of a card, irradiance of a distant light, whatever says it.  [F, 3].
+
+    A normalised light is divided by the area that it has in the stage, or by what a distant light's
+    radiance is multiplied by to be irradiance (UsdLux, Normalizing Distant Lights); one of no
+    extent is not normalised.
+    """
     value = view.brightness(light)
-    normalized = bool(UsdLux.LightAPI(light).GetNormalizeAttr().Get())
+    normalized = view.values(light, schema.NORMALIZE, False) > 0
     if view.is_cards:
-        return value / sizes.prod(-1, keepdims=True) if normalized else value
-    disc = np.pi * np.sin(np.radians(np.minimum(sizes, 180.0)) / 2) ** 2
-    return value if normalized else value * disc
+        lengths = np.linalg.norm(view.world(light)[:, :2, :3], axis=-1)
+        area = (sizes * lengths).prod(-1, keepdims=True)
+        return np.where(normalized, value / np.maximum(area, np.finfo(float).tiny), value)
+    half = np.radians(np.clip(sizes, 0.0, 360.0)) / 2
+    sine = np.pi * np.sin(half) ** 2
+    disc = np.where(half > np.pi / 2, 2 * np.pi - sine, np.where(half > 0, sine, 1.0))
+    return np.where(normalized, value, value * disc)
 
 
-def _differ(written: Written, sizes: Array, light: Array) -> bool:
-    """Tell whether lights were edited in different ways.  [F, L, .]."""
+def _differ(written: Written, sizes: Array, light: Array, wrote: NDArray[np.bool_]) -> bool:
+    """Tell whether lights were edited in different ways in the frames written.  [F, L, .]."""
     was = [np.stack([_sizes(written.view, one) for one in written.lights], 1)]
     was.append(np.stack([_brightness(one) for one in written.lights], 1))
     for before, after in zip(was, (sizes, light), strict=True):
         lit = (before > 0).all(1)
         ratio = after / np.where(before > 0, before, 1.0)
         apart = np.ptp(ratio, axis=1) > EDITED * np.maximum(ratio.max(1), 1.0)
-        if bool((apart & lit).any()):
+        if bool((apart & lit)[wrote].any()):
             return True
     return False
 
 
-def _together(turns: Sequence[Array | None], shares: Array) -> tuple[Array | None, bool]:
-    """Return the mean of turns, and whether they differ.
+def _together(turns: Sequence[Array | None], shares: Array) -> tuple[Array | None, Array]:
+    """Return the mean of turns, and the traces between it and each.  [F, 3, 3], [F, L].
 
     The mean is the rotation nearest to the mean of the matrices, by their singular values.
     """
     moved = [turn for turn in turns if turn is not None]
     if not moved:
-        return None, False
+        return None, np.full(shares.shape, 3.0)
     still = np.broadcast_to(np.eye(3), moved[0].shape)
     stacked = np.stack([still if turn is None else turn for turn in turns], 1)
     left, _, right = np.linalg.svd((shares[..., None, None] * stacked).sum(1))
     left[..., -1] *= np.linalg.det(left @ right)[:, None]
     mean = left @ right
-    between = np.einsum("flij,fij->fl", stacked, mean)
-    return mean, bool((between < 1 + 2 * np.cos(np.radians(APART_DEG))).any())
+    return mean, np.einsum("flij,fij->fl", stacked, mean)
 
 
-def _placed(
+def _met(
     view: View, prim: Usd.Prim, light: Usd.Prim, own: Lobes, authored: Light
-) -> tuple[Array | None, Array]:
-    """Return how a light was turned, and how much larger it is seen than its size says.
+) -> tuple[Array, Array, Array | None]:
+    """Return what a light is met as, in the rig.
 
     Returns:
-        The turn [F, 3, 3], None where the transform is as authored; factors of the sizes [F, 2].
+        Its sizes [F, S] and its light [F, 3]; its turn [F, 3, 3], None where the transform is as
+        authored.
     """
-    stretch = np.ones((len(view.times), 2))
-    if _is_as_authored(view, prim, light, authored):
-        return None, stretch
-    aimed = _aimed(own, authored)
-    cache, turns = UsdGeom.XformCache(), []
-    for index, time in enumerate(view.times):
-        cache.SetTime(time)
-        matrix, _ = cache.ComputeRelativeTransform(light, view.rig)
-        x, y, z, place = np.array(matrix)[:, :3]
-        far = float(np.linalg.norm(place))
-        if view.is_cards and far > 0:
-            z = place
-            distance = authored.constants[schema.TRANSLATE][2]
-            stretch[index] = np.linalg.norm([x, y], axis=-1) * distance / far
-        frame = frames.orthonormal(torch.from_numpy(np.stack([x, y, z]))).numpy()
-        if not np.isfinite(frame).all():
-            raise DamagedValueError(f"{light.GetPath()} is turned by no rotation at frame {time}")
-        turns.append(aimed[index].T @ frame)
-    return np.stack(turns), stretch
+    sizes = np.concatenate([view.values(light, name, 1.0) for name in view.size_names], -1)
+    value = _light(view, light, sizes)
+    if not view.placement.is_stretched and _is_as_authored(view, prim, light, authored):
+        return sizes, _lit(value), None
+    rows = view.placement.relative(view.world(light))
+    if not np.isfinite(rows).all():
+        frame = view.times[int(np.flatnonzero(~np.isfinite(rows).all((-1, -2)))[0])]
+        raise DamagedValueError(f"{light.GetPath()} is turned by no rotation at frame {frame}")
+    axes, place = rows[:, :3], rows[:, 3]
+    if view.is_cards and np.linalg.norm(place, axis=-1).min() > 0:
+        seen = seen_from_origin(axes, place, sizes)
+        sizes = 2 * seen.half_extents * authored.constants[schema.TRANSLATE][2]
+        frames_met, value = seen.frames, value * seen.dimming[:, None]
+    else:
+        frames_met = frames.orthonormal(torch.from_numpy(axes)).numpy()
+    if not np.isfinite(frames_met).all():
+        raise DamagedValueError(f"{light.GetPath()} is turned by no rotation")
+    return sizes, _lit(value), np.swapaxes(_aimed(own, authored), -1, -2) @ frames_met
 
 
 def _aimed(own: Lobes, light: Light) -> Array:
@@ -331,7 +261,7 @@ def _is_as_authored(view: View, prim: Usd.Prim, light: Usd.Prim, authored: Light
     """Tell whether the transforms of a light and of its lobe are as `write_usd` authors them."""
     own = light == prim
     wanted = [*([schema.ORIENT] if own else []), *authored.ops]
-    orders = [(light, wanted), (prim, wanted if own else [schema.ORIENT])]
+    orders = [(light, wanted), (prim, wanted if own else [schema.ORIENT]), (prim.GetParent(), [])]
     if any(_ops_of(one) != ops for one, ops in orders):
         return False
     for name in authored.ops:

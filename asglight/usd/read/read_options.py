@@ -2,6 +2,7 @@
 """How a stage was written, so that a layer over it, or a stage in its place, can be the same."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 from pxr import Sdf, Usd, UsdGeom
@@ -12,18 +13,28 @@ from asglight.usd.check.references import may_open
 from asglight.usd.lights import cards, distant
 from asglight.usd.options import DISTANCE_M, DOME_HEIGHT, Representation, StageOptions
 from asglight.usd.spaces import space_of
-from asglight.usd.stage import image_height, lobe_prims, open_rig, rig_data
+from asglight.usd.stage import (
+    child_of,
+    image_height,
+    lobe_prims,
+    open_rig,
+    rig_data,
+    shown_representation,
+)
+
+CARD_SUFFIX = ".card.exr"
+"""How the name of the cards' texture ends; another image on a card is somebody else's."""
 
 
 def read_options(path: str | Path) -> StageOptions:
-    """Return the options that a stage was written with.
+    """Return the options that a stage was written with, and the axis that is up in it now.
 
     Raises:
         InputError: There is no such stage, or it holds no lobes.
     """
     stage, rig = open_rig(path)
     stage.SetEditTarget(stage.GetSessionLayer())
-    return options_of(rig)
+    return replace(options_of(rig), up_axis=str(UsdGeom.GetStageUpAxis(stage)))
 
 
 def options_of(rig: Usd.Prim) -> StageOptions:
@@ -35,9 +46,9 @@ def options_of(rig: Usd.Prim) -> StageOptions:
     """
     space = space_of(rig)
     data = rig_data(rig)
-    shown = rig.GetVariantSet(schema.VARIANT_SET).GetVariantSelection()
+    shown = shown_representation(rig)
     return StageOptions(
-        representation=shown if shown in set(Representation) else StageOptions.representation,
+        representation=shown or StageOptions.representation,
         distance=card_distance_of(rig),
         dome_height=_dome_height(rig),
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(rig.GetStage()),
@@ -62,7 +73,7 @@ def card_kinds(rig: Usd.Prim) -> list[cards.Kind]:
 
     What was switched off counts, as it was written.
     """
-    filled = bool(rig.GetChild(schema.FILL))
+    filled = bool(child_of(rig, schema.FILL))
     return [_card_kind(prim, filled) for prim in lobe_prims(rig)]
 
 
@@ -80,7 +91,7 @@ def _card_kind(lobe: Usd.Prim, filled: bool) -> cards.Kind:
 
 def _has_texture(light: Usd.Prim) -> bool:
     asset = light.GetAttribute(schema.TEXTURE).Get() if light.HasAttribute(schema.TEXTURE) else None
-    return bool(asset and asset.path)
+    return bool(asset and asset.path.endswith(CARD_SUFFIX))
 
 
 def threefold_lobes(rig: Usd.Prim) -> list[bool]:
@@ -131,7 +142,7 @@ def _show(rig: Usd.Prim, representation: Representation) -> None:
 
 def _images(rig: Usd.Prim, representation: Representation, name: str) -> list[str]:
     _show(rig, representation)
-    prim = rig.GetChild(name)
+    prim = child_of(rig, name)
     attribute = prim.GetAttribute(schema.TEXTURE) if prim else None
     if not attribute:
         return []

@@ -6,7 +6,6 @@ edited by another program change it (edited_lights.py). A lobe that was deactiva
 gone.
 """
 
-import itertools
 import json
 import math
 from collections.abc import Callable
@@ -21,16 +20,15 @@ from pxr import Sdf, Usd
 
 from asglight.errors import InputError
 from asglight.images import ocio
-from asglight.images.message import shown
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.usd import schema
 from asglight.usd.read.edited_lights import with_light_edits
+from asglight.usd.read.placement import placement_of
 from asglight.usd.read.read_options import card_distance_of
-from asglight.usd.spaces import Space, from_stage, space_of
-from asglight.usd.stage import lobe_prims, numbers, open_rig, readable, rig_data
-
-FRAMES_MAX = 1_000_000
-"""Eleven hours at 24 frames a second. A range beyond it is damage, and would fill the memory."""
+from asglight.usd.read.times import NoFramesError, frame_numbers
+from asglight.usd.read.unread import unread_of
+from asglight.usd.spaces import Space, in_colorspace, space_of
+from asglight.usd.stage import lobe_prims, name_of, numbers, open_rig, readable, rig_data
 
 
 @dataclass(frozen=True)
@@ -40,22 +38,26 @@ class Reading:
     Attributes:
         tracks: Its lobes.
         changes: What other programs changed in its lights, one line each: `<prim>: <what>`.
+        unread: What the stage says of its lights that lobes cannot hold, likewise.
     """
 
     tracks: LobeTracks
     changes: tuple[str, ...]
+    unread: tuple[str, ...] = ()
 
 
-def read_usd(path: str | Path) -> LobeTracks:
-    """Read the tracks of a stage that asglight wrote.
+def read_usd(path: str | Path | Usd.Stage, rig: str | None = None) -> LobeTracks:
+    """Read the tracks of a stage that asglight wrote, or of a shot that uses one.
 
-    Frames are all integers from startTimeCode to endTimeCode, or those that the rig lists. Lobes
-    come back with +Y up and in Rec.709, whatever the stage has, under the names of their prims.
-    Where another program has edited a light of the variant that the stage shows, its lobe is the
-    one that would shine so; `read_stage` says what was changed.
+    Frames are all whole time codes from startTimeCode to endTimeCode, or those that the rig lists
+    (times.py). Lobes come back with +Y up and in Rec.709, whatever the stage has, under the names
+    of their prims. Where another program has edited a light of the variant that the stage shows,
+    its lobe is the one that would shine so; `read_stage` says what was changed.
 
     Args:
-        path: The stage.
+        path: The stage; one that is open is read as it is, with its muted layers, loaded payloads
+            and variants.
+        rig: Path of the prim that holds the lobes, of a stage with several.
 
     Returns:
         Tracks with float32 lobes on the CPU.
@@ -63,22 +65,22 @@ def read_usd(path: str | Path) -> LobeTracks:
     Raises:
         InputError: There is no such stage, it holds no lobes, or a value is damaged.
     """
-    return read_stage(path).tracks
+    return read_stage(path, rig).tracks
 
 
-def read_stage(path: str | Path) -> Reading:
+def read_stage(path: str | Path | Usd.Stage, rig: str | None = None) -> Reading:
     """Read the tracks of a stage, as `read_usd`, and what other programs changed in its lights.
 
     Raises:
         InputError: As `read_usd`.
     """
-    stage, rig = open_rig(path)
+    stage, prim = open_rig(path, rig)
     # What another program has made infinite is refused in the end, and not warned of on the way.
     with readable(path), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return _reading(path, stage, rig)
+        return _reading(name_of(path), stage, prim)
 
 
-def _reading(path: str | Path, stage: Usd.Stage, rig: Usd.Prim) -> Reading:
+def _reading(path: str, stage: Usd.Stage, rig: Usd.Prim) -> Reading:
     prims = lobe_prims(rig)
     data = rig_data(rig)
     version = data.get("version")
@@ -87,20 +89,25 @@ def _reading(path: str | Path, stage: Usd.Stage, rig: Usd.Prim) -> Reading:
     fps = stage.GetTimeCodesPerSecond()
     if not (math.isfinite(fps) and fps > 0):
         _fail(path, f"{fps:g} time codes a second", "a rate above 0")
-    times = _frame_numbers(path, stage, data)
+    try:
+        times = frame_numbers(stage, rig, prims)
+    except NoFramesError as error:
+        _fail(path, error.found, error.expected)
     space = _space(path, rig)
     distance = card_distance_of(rig)
     lobes = _lobes(path, prims, times)
-    lobes, changes = with_light_edits(rig, prims, lobes, times, distance)
+    placement = placement_of(rig, times)
+    lobes, changes = with_light_edits(
+        rig, prims, lobes, times, distance, placement, space.colorspace
+    )
     names = tuple(prim.GetName() for prim in prims)
     _check_finite(path, lobes, names, times)
-    tracks = LobeTracks(times, fps, from_stage(lobes, space), _metadata(path, data), names)
-    return Reading(tracks, tuple(changes))
+    lobes = in_colorspace(lobes, space.colorspace, ocio.REC709)
+    tracks = LobeTracks(times, fps, lobes, _metadata(path, data), names)
+    return Reading(tracks, tuple(changes), tuple(unread_of(rig, placement)))
 
 
-def _check_finite(
-    path: str | Path, lobes: Lobes, names: tuple[str, ...], times: tuple[int, ...]
-) -> None:
+def _check_finite(path: str, lobes: Lobes, names: tuple[str, ...], times: tuple[int, ...]) -> None:
     """Refuse lights that another program has made infinite.  [F, N, .]."""
     values = torch.cat([lobes.axes.flatten(-2), lobes.sharpness, lobes.amplitude], dim=-1)
     bad = torch.nonzero(~torch.isfinite(values).all(dim=-1))
@@ -109,7 +116,7 @@ def _check_finite(
         _fail(path, f"the light of {names[lobe]} is not finite at frame {times[frame]}", "numbers")
 
 
-def _space(path: str | Path, rig: Usd.Prim) -> Space:
+def _space(path: str, rig: Usd.Prim) -> Space:
     space = space_of(rig)
     if space.colorspace not in ocio.NAMES:
         place = f"{rig.GetPath()}.{schema.COLORSPACE}"
@@ -117,7 +124,7 @@ def _space(path: str | Path, rig: Usd.Prim) -> Space:
     return space
 
 
-def _lobes(path: str | Path, prims: list[Usd.Prim], times: tuple[int, ...]) -> Lobes:
+def _lobes(path: str, prims: list[Usd.Prim], times: tuple[int, ...]) -> Lobes:
     def stacked(name: str, is_good: Callable[[NDArray], Any], expected: str) -> torch.Tensor:
         tracks = [_track(path, prim, name, times, is_good, expected) for prim in prims]
         return torch.from_numpy(np.stack(tracks, axis=1))  # [F, N, K]
@@ -138,7 +145,7 @@ def _lobes(path: str | Path, prims: list[Usd.Prim], times: tuple[int, ...]) -> L
 
 
 def _track(
-    path: str | Path,
+    path: str,
     prim: Usd.Prim,
     name: str,
     times: tuple[int, ...],
@@ -165,7 +172,7 @@ def _track(
     return rows if varies else np.repeat(rows, len(times), axis=0)
 
 
-def _form(path: str | Path, prims: list[Usd.Prim]) -> Form:
+def _form(path: str, prims: list[Usd.Prim]) -> Form:
     names = {prim.GetAttribute(schema.FORM).Get() for prim in prims}
     if len(names) != 1 or not names <= set(Form):
         found = ", ".join(sorted(map(str, names)))
@@ -173,21 +180,7 @@ def _form(path: str | Path, prims: list[Usd.Prim]) -> Form:
     return Form(names.pop())
 
 
-def _frame_numbers(path: str | Path, stage: Usd.Stage, data: dict[str, Any]) -> tuple[int, ...]:
-    start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-    whole = all(math.isfinite(code) and code == int(code) for code in (start, end))
-    if not stage.HasAuthoredTimeCodeRange() or not whole or not 0 <= end - start < FRAMES_MAX:
-        _fail(path, f"frame range {start:g} to {end:g}", "whole frame numbers in order")
-    listed = data.get("frames")
-    if listed is None:
-        return tuple(range(int(start), int(end) + 1))
-    chosen = tuple(int(frame) for frame in listed if start <= frame <= end)
-    if not chosen or any(after <= before for before, after in itertools.pairwise(chosen)):
-        _fail(path, f"{len(listed)} listed frames", f"ascending ones in {start:g} to {end:g}")
-    return chosen
-
-
-def _metadata(path: str | Path, data: dict[str, Any]) -> dict[str, Any]:
+def _metadata(path: str, data: dict[str, Any]) -> dict[str, Any]:
     try:
         metadata = json.loads(data.get("metadata", "{}"))
     except (TypeError, ValueError):
@@ -197,8 +190,8 @@ def _metadata(path: str | Path, data: dict[str, Any]) -> dict[str, Any]:
     return metadata
 
 
-def _fail(path: str | Path, found: str, expected: str) -> NoReturn:
+def _fail(path: str, found: str, expected: str) -> NoReturn:
     raise InputError(
-        f"{shown(path)}: {found}; expected {expected}. "
+        f"{path}: {found}; expected {expected}. "
         "Was the stage written by asglight, and not edited since?"
     )

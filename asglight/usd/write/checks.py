@@ -12,6 +12,7 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import Lobes
+from asglight.usd.options import check_stage_name
 
 FRAME_ERROR_MAX = 1e-4
 """Largest entry of A A^T - I in the axes A: a thousand float32 roundings; more is not a frame."""
@@ -36,8 +37,7 @@ def check_target(path: Path, suffixes: Sequence[str]) -> None:
     """
     if path.suffix.lower() not in suffixes:
         raise InputError(f"{shown(path)}: extension {path.suffix!r}; expected {one_of(suffixes)}.")
-    if not path.name.isprintable():
-        raise InputError(f"{shown(path)}: control characters in the name; expected none.")
+    check_stage_name(path)
     if not path.parent.is_dir():
         raise InputError(
             f"{shown(path)}: no folder {shown(path.parent)}; expected an existing folder. "

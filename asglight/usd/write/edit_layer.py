@@ -29,6 +29,7 @@ from asglight.usd.digest import author_digest, digest_of_prim
 from asglight.usd.lights import cards, distant
 from asglight.usd.lights.light import Light
 from asglight.usd.options import STAGE_SUFFIXES
+from asglight.usd.read.placement import as_written, placement_of
 from asglight.usd.read.read_options import (
     dome_images,
     fill_images,
@@ -39,7 +40,7 @@ from asglight.usd.read.read_options import (
 from asglight.usd.read.tracks import read_stage, read_usd
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import space_for, to_stage
-from asglight.usd.stage import lobe_prims, numbers, open_rig, open_stage
+from asglight.usd.stage import lobe_prims, numbers, open_rig, open_stage, readable
 from asglight.usd.write import layer, samples, staging
 from asglight.usd.write.authoring import TrackAuthor
 from asglight.usd.write.checks import check_target, check_tracks
@@ -93,6 +94,7 @@ class _Source:
         rig: The prim that holds the lobes.
         tracks: Its lobes.
         options: How it was written.
+        placement: How the rig stands in the stage.
         kinds: What each lobe is in its cards.
         threefold: Which lobes have three distant lights.
         images: Those of its dome and of its fill that are there, as USD resolves them.
@@ -112,6 +114,18 @@ class _Source:
         self.kinds = shown_kinds(self.rig)
         self.threefold = shown_threefold(self.rig)
         self.images = dome_images(self.rig) + fill_images(self.rig)
+        with readable(path):
+            self.placement = placement_of(self.rig, self.tracks.frames)
+        fault = None
+        if self.rig.IsInstance() or self.rig.IsInstanceProxy():
+            fault = "is an instance, in which USD heeds no edit"
+        elif self.placement.is_stretched:
+            fault = "is scaled unevenly, so that its lights are not those of its lobes"
+        if fault is not None:
+            raise InputError(
+                f"{shown(path)}: {self.rig.GetPath()} {fault}; expected a rig that can be edited. "
+                f"Edit the stage that holds it."
+            )
 
     def show(self, representation: Representation) -> None:
         """Select a variant, in memory only."""
@@ -160,12 +174,13 @@ def write_edit_layer(
     below = _Source(Path(source))
     _check_same(below, tracks, edited)
     _check_apart(path, below)
-    differing = [track for track in _tracks(below, tracks, edited) if _differs(below, track)]
+    in_rig = as_written(tracks, below.placement)
+    differing = [track for track in _tracks(below, in_rig, edited) if _differs(below, track)]
     with staging.staged(path) as place, our_own():
         height, space = below.options.dome_height, space_for(below.options)
-        textures = staging.write_dome(tracks, place, height, space) if differing else []
+        textures = staging.write_dome(in_rig, place, height, space) if differing else []
         refill = differing and any(below.kinds[index] is cards.Kind.FILL for index in edited)
-        fill = staging.write_fill(tracks, below.kinds, place, space) if refill else []
+        fill = staging.write_fill(in_rig, below.kinds, place, space) if refill else []
         built, author = _build(below, tracks, differing, {schema.DOME: textures, schema.FILL: fill})
         built.subLayerPaths = [_reference(below.path, place.parent)]
         staging.export(built, place)
