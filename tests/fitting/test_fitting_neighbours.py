@@ -2,6 +2,7 @@
 """Many lobes take their steps in parts: which these are, and what comes of it."""
 
 import math
+from typing import Any
 
 import pytest
 import torch
@@ -184,11 +185,11 @@ def test_of_many_lobes_those_around_a_split_try_it(monkeypatch: pytest.MonkeyPat
     taken: list[Tensor] = []
     steps = newton.minimise
 
-    def watched(*given: object, **named: object) -> newton.Outcome:
+    def watched(*given: Any, **named: Any) -> newton.Outcome:
         moving = named.get("moving")
         if isinstance(moving, Tensor):
             taken.append(moving)
-        return steps(*given, **named)  # type: ignore[arg-type]
+        return steps(*given, **named)
 
     monkeypatch.setattr(newton, "minimise", watched)
     found = regroup.regroup(stuck, frame, frame, 2, 0.0)
