@@ -7,11 +7,13 @@ python -m soak.measure --short -o soak-output       # a hundredth of it, in a mi
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from soak import faults, fuzz, scale
 from soak.batch import Outcome
@@ -25,20 +27,64 @@ MINUTES = 15.0
 SHARES = {"files": 0.01, "kills": 0.08, "others": 0.1}
 """Of each that the short form does."""
 
+Found = TypeVar("Found")
+
 GOOD = (Outcome.READ, Outcome.REFUSED, Outcome.CONTAINED)
 """What may become of a damaged file."""
+
+
+@dataclass(frozen=True)
+class Took:
+    """What a part took.
+
+    Attributes:
+        part: Its title.
+        seconds: On the wall.
+        cpu_seconds: Of this process and of those that it waited for.
+    """
+
+    part: str
+    seconds: float
+    cpu_seconds: float
+
+
+class Parts:
+    """Parts done one after the other, each told of when it ends."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self.took: list[Took] = []
+
+    def done(self, part: str, do: Callable[[], Found]) -> Found:
+        """Do a part."""
+        begin, cpu = time.monotonic(), _cpu_seconds()
+        found = do()
+        self.took.append(Took(part, time.monotonic() - begin, _cpu_seconds() - cpu))
+        print(f"{_line(self.took[-1])}.", file=sys.stderr, flush=True)
+        return found
+
+
+def _line(took: Took) -> str:
+    return f"{took.part}: {took.seconds:.0f} s, {took.cpu_seconds:.0f} s of processor time"
+
+
+def _cpu_seconds() -> float:
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def measure(output: Path, *, short: bool, seed: int) -> dict[str, Any]:
     """Do everything, and return what was found as JSON values, with the page under `page`."""
     output.mkdir(parents=True, exist_ok=True)
     share = SHARES if short else dict.fromkeys(SHARES, 1.0)
-    begin = time.monotonic()
-    found = fuzz.fuzz_all(int(FILES * share["files"]), seed, output, MINUTES, jobs=2)
-    told = faults.faults(
-        output / "faults", int(KILLS * share["kills"]), int(OTHERS * share["others"]), seed
+    begin, parts = time.monotonic(), Parts()
+    files, kills, others = (
+        int(whole * share[name])
+        for name, whole in (("files", FILES), ("kills", KILLS), ("others", OTHERS))
     )
-    rows = [] if short else scale.scale(output / "scale")
+    found = parts.done("Damaged files", lambda: fuzz.fuzz_all(files, seed, output, MINUTES, jobs=2))
+    told = parts.done("Faults", lambda: faults.faults(output / "faults", kills, others, seed))
+    rows = [] if short else parts.done("Scale", lambda: scale.scale(output / "scale"))
     wrong = [
         f"{one.reader}: {count} x {name}"
         for one in found
@@ -46,15 +92,14 @@ def measure(output: Path, *, short: bool, seed: int) -> dict[str, Any]:
         if count and name not in GOOD
     ]
     wrong += [line for one in told for line in one.wrong]
-    tables: list[tuple[str, Callable[[], str]]] = [
-        ("Damaged files", lambda: fuzz.as_table(found)),
-        ("Faults", lambda: faults.as_table(told)),
-    ]
+    tables = {"Damaged files": fuzz.as_table(found), "Faults": faults.as_table(told)}
     if rows:
-        tables.append(("Scale", lambda: scale.as_table(rows)))
-    page = "\n\n".join(f"## {title}\n\n{table()}" for title, table in tables)
+        tables["Scale"] = scale.as_table(rows)
+    page = "\n\n".join(f"## {title}\n\n{table}" for title, table in tables.items())
+    lines = "\n".join(f"- {_line(each)}" for each in parts.took)
     return {
-        "page": f"# Soak, seed {seed}, {time.monotonic() - begin:.0f} s\n\n{page}\n",
+        "page": f"# Soak, seed {seed}, {time.monotonic() - begin:.0f} s\n\n{lines}\n\n{page}\n",
+        "took": [vars(each) for each in parts.took],
         "fuzz": [vars(one) for one in found],
         "faults": [vars(one) for one in told],
         "scale": [vars(row) for row in rows],

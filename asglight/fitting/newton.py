@@ -4,6 +4,8 @@
 A step solves (H + damping diag H) delta = -gradient with the Gauss-Newton matrix H of J's quadratic
 majoriser (objective.py) [Marquardt 1963]; a step that does not lower J is not taken, and the next
 is damped more. 15 lobes are 120 unknowns: the cost is in the images of the lobes, not in the solve.
+Of many lobes it would be, so these take steps in parts (neighbours.py), and what a fit costs grows
+with their number.
 
 J and its gradient are taken over every leaf. H only shapes the step: its cells are coarser still,
 but for the refined ones.
@@ -13,13 +15,14 @@ are the reference. On a GPU no step waits for the processor: what a frame whose 
 failed keeps is chosen there, and all that a step does is started at once (captured.py).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from asglight.fitting import compiled, lobe_images, objective, temporal
+from asglight.fitting import compiled, lobe_images, neighbours, objective, temporal
 from asglight.fitting.captured import Replays
 from asglight.fitting.compiled import layout
 from asglight.fitting.coordinates import UNKNOWNS, Between, Leash, advance
@@ -39,6 +42,17 @@ DAMPING_UP, DAMPING_DOWN = 5.0, 0.3
 
 TOLERANCE = 1e-4
 """A step that lowers J by a smaller share of it is the last."""
+
+TOGETHER = 64
+"""Lobes that take steps together, at most; of more, parts do. With 60 in two parts a fit takes two
+thirds of the time, and its env is 3 % larger in the mean of ten maps."""
+
+PART = 32
+"""Lobes of a part, at most. With 120 in parts J ends a tenth lower than with all together, for one
+damping held back all of them, in a seventh of the time."""
+
+TURN_STEPS = 2
+"""Steps of a part before it is the turn of the next: with one, a fit takes a fifth longer."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +122,11 @@ def minimise(
     tolerance: float = TOLERANCE,
     on_step: OnStep | None = None,
     shown: Images | None = None,
+    moving: Tensor | None = None,
 ) -> Outcome:
     """Take at most `steps` steps, fewer where no frame gains any more.
+
+    More lobes than `TOGETHER` take them in parts, each part as many.
 
     Args:
         lobes: Where to start.  [F, N, .]
@@ -123,11 +140,15 @@ def minimise(
         tolerance: Stop when the step of each frame lowers J by less than this share of it.
         on_step: Called with the lobes after each step.
         shown: The lobes on the frame's leaves, where they are known.
+        moving: The lobes of each frame that take steps; the light of all others is held. All if
+            None.  [F, K]
     """
     given = Setting(frame, tuple(priors), width_min, leash, still, tolerance)
     shown = shown or lobe_images.images(lobes, frame.places)
     damping = torch.as_tensor(damping, dtype=torch.float64, device=lobes.axes.device)
     damping = damping.expand(len(lobes.axes))
+    if moving is not None or lobes.count > TOGETHER:
+        return _in_parts(shown, moving, damping, given, steps, on_step)
     if compiled.serves(lobes, frame.places):
         return _compiled(shown, damping, given, steps, on_step)
     state = _judged(shown, frame, given.priors)
@@ -149,6 +170,75 @@ def minimise(
         if bool((finished | (damping >= DAMPING_MAX)).all()):
             break
     return Outcome(state.shown.lobes, state.value, damping, state.shown)
+
+
+def _in_parts(
+    shown: Images,
+    moving: Tensor | None,
+    damping: Tensor,
+    given: Setting,
+    steps: int,
+    on_step: OnStep | None,
+) -> Outcome:
+    """Take steps with some lobes, or with all of them part by part."""
+    frame, value = given.frame, _value(shown, given)
+    for turn in range(1 if moving is not None else math.ceil(steps / TURN_STEPS)):
+        lobes, radiance, before = shown.lobes, shown.radiance, value
+        if moving is not None:
+            parts, together = [moving], steps
+        else:
+            # where parts meet lobes wait for each other: each turn cuts elsewhere
+            parts = neighbours.parts(lobes.axis_z, PART, turn)
+            together = min(TURN_STEPS, steps - turn * TURN_STEPS)
+        for part in parts:
+            lobes, radiance, damping = _some(lobes, radiance, part, damping, given, together)
+        shown = lobe_images.images(lobes, frame.places)
+        value = _value(shown, given)
+        if on_step is not None:
+            on_step(lobes.clone())
+        # not asked on a GPU, which would have to be waited for
+        if not lobes.axes.is_cuda and bool((before - value < given.tolerance * before).all()):
+            break
+    return Outcome(shown.lobes, value, damping, shown)
+
+
+def _some(
+    lobes: Lobes, radiance: Tensor, index: Tensor, damping: Tensor, given: Setting, steps: int
+) -> tuple[Lobes, Tensor, Tensor]:
+    """Take steps with some lobes of each frame: J is that of these against what others leave.
+
+    Args:
+        lobes: All of them.  [F, N, .]
+        radiance: What they show on the leaves.  [F, 3, P]
+        index: Which take steps.  [F, K]
+        damping: First damping.  [F]
+        given: Of all lobes.
+        steps: How many.
+
+    Returns:
+        All lobes, what they show, and the damping of the next step.
+    """
+    own = lobe_images.images(neighbours.some(lobes, index), given.frame.places)
+    rest = radiance - own.radiance
+    found = minimise(
+        own.lobes,
+        objective.less(given.frame, rest),
+        steps,
+        priors=[neighbours.prior(each, index) for each in given.priors],
+        damping=damping,
+        width_min=given.width_min,
+        leash=neighbours.held(given.leash, index),
+        still=None if given.still is None else neighbours.pick(given.still, index),
+        tolerance=given.tolerance,
+        shown=own,
+    )
+    assert found.shown is not None  # of lobes that took steps
+    return neighbours.put(lobes, index, found.lobes), rest + found.shown.radiance, found.damping
+
+
+def _value(shown: Images, given: Setting) -> Tensor:
+    """Return J with the temporal terms.  [F]."""
+    return _judged(shown, given.frame, given.priors).value
 
 
 def _compiled(

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from asglight.fitting import lobe_images, newton, objective
+from asglight.fitting import lobe_images, neighbours, newton, objective
 from asglight.fitting.coordinates import BROAD, UNKNOWNS, Leash, advance, pulled_back
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
@@ -111,14 +111,30 @@ def regroup(
             break
         halves = [carried_out(each, best.lobes[0], filled, width_min) for each in competing]
         begun = stack(halves) if leash is None else pulled_back(stack(halves), leash)
-        trials = held(begun, coarse.repeated(len(competing)), TRIAL_STEPS)
-        found = held(trials.best().lobes, frame, STEPS)
+        moving = _moving(best.lobes, coarse, competing)
+        several = coarse.repeated(len(competing))
+        trials = held(begun, several, TRIAL_STEPS, moving=moving)
+        winner = trials.value.argmin(keepdim=True)
+        moving = None if moving is None else moving[winner]
+        found = held(trials.best().lobes, frame, STEPS, moving=moving)
         if float(found.value) < (1 - GAIN) * float(best.value):
             best = found
             splits, filled = _to_try(best, frame, stays)
             if on_step is not None:
                 on_step(best.lobes)
     return best
+
+
+def _moving(lobes: Lobes, frame: objective.Target, splits: list[Split]) -> Tensor | None:
+    """Return which lobes take steps in each trial: of many, those around the two of the split.
+
+    None for all.  [T, K]
+    """
+    if lobes.count <= newton.TOGETHER:
+        return None
+    shown = lobe_images.images(lobes, frame.places)
+    places = torch.tensor([[split.lobe, split.gone] for split in splits]).to(lobes.axes.device)
+    return neighbours.around(shown, frame.places.share, places, newton.PART)
 
 
 def _to_try(
@@ -189,7 +205,22 @@ def absences(shown: lobe_images.Images, frame: objective.Target) -> tuple[Tensor
         The growth for each lobe [N], and the step of all lobes that takes its light away and makes
         up for it, in local coordinates [N, N, 8].
     """
-    found = objective.misfit(shown.radiance, frame)
+    found, count = objective.misfit(shown.radiance, frame), shown.lobes.count
+    if count <= newton.TOGETHER:
+        return _absences(shown, found, frame)
+    costs = torch.zeros(count, dtype=torch.float64, device=shown.scale.device)
+    steps = costs.new_zeros(count, count, UNKNOWNS)
+    for index in neighbours.parts(shown.lobes.axis_z, newton.PART, 0):
+        own = lobe_images.images(neighbours.some(shown.lobes, index), frame.places)
+        part = index[0]
+        costs[part], steps[part[:, None], part] = _absences(own, found, frame)
+    return costs, steps
+
+
+def _absences(
+    shown: lobe_images.Images, found: objective.Misfit, frame: objective.Target
+) -> tuple[Tensor, Tensor]:
+    """Return `absences` of some lobes, with those alone to make up for each other."""
     hessian = newton.normal_equations(shown, found, frame)[0][0]
     count = shown.lobes.count
     diagonal = torch.diagonal(hessian)

@@ -31,6 +31,12 @@ With another number of lobes than the run's it takes the steps of the second lon
 WIDTHS = (64, 128, 256, 512, 1024, 2048, 4096)
 FRAME_COUNTS = (10, 30, 100, 300, 1_000, 3_000, 10_000)
 
+CROWD = 120
+"""Lobes of the fit of `fast` that is timed beside the usual one: its time is to grow with them."""
+
+CROWDED = "fast, crowd"
+"""What that fit is called among those that are timed in turn."""
+
 
 class Effort(StrEnum):
     """How much is measured."""
@@ -51,7 +57,9 @@ class Plan:
         paper_steps: Adam steps of the paper's recipe for a first frame.
         peers: Of `PEERS`.
         checkpoints: States of a fit on its way that are judged, at most.
-        races: Fits of `fast` and of EM in turn, for the ratio of their times.
+        races: Fits of `fast`, of EM and of `fast` with `crowd` lobes in turn, for the ratios of
+            their times.
+        crowd: Those lobes.
         repeats: Times that a point of the scaling is timed; the least counts.
         frames: Frames of a sequence that are followed, from the first on; None for all.
         widths: Columns of the maps of the scaling with texels.
@@ -65,6 +73,7 @@ class Plan:
     peers: tuple[str, ...]
     checkpoints: int
     races: int
+    crowd: int
     repeats: int
     frames: int | None
     widths: tuple[int, ...]
@@ -108,6 +117,7 @@ def plan_of(effort: Effort, lobes: int = LOBES, paper_steps: int | None = None) 
         PEERS_AT_ONCE if quick else PEERS,
         checkpoints=5 if quick else 12,
         races=3,
+        crowd=CROWD,
         repeats=1 if quick else 3,
         frames=8 if quick else None if full else 24,
         widths=WIDTHS if full else WIDTHS[:4] if quick else WIDTHS[:5],

@@ -22,7 +22,7 @@ from asglight.fitting import first_frame
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
 from asglight.judging import methods
-from asglight.judging.bench_plan import Effort, Plan
+from asglight.judging.bench_plan import CROWDED, Effort, Plan
 from asglight.judging.clock import Clock, Point, timed
 from asglight.judging.compare import Follow
 from asglight.judging.memory import peak_memory
@@ -187,16 +187,25 @@ def _paused_tick(clock: Clock, ticks: Iterator[int]) -> Callable[[int, int, floa
 
 
 def races(reference: Tensor, plan: Plan, follow: Follow) -> dict[str, list[float]]:
-    """Return CPU seconds of fits of `fast` and of EM that take turns, as often as the plan says.
+    """Return CPU seconds of fits that take turns, as often as the plan says.
 
-    What slows the machine down slows both: their ratio can be held against another run's.
+    What slows the machine down slows all: their ratios can be held against another run's.
+
+    Returns:
+        Of `fast` and of EM with the plan's lobes, and under `CROWDED` of `fast` with its crowd.
     """
-    seconds: dict[str, list[float]] = {"fast": [], "em": []}
-    label = "timing fast and em in turn"
+    per_lobe = LOBE_FLOATS[Form.ASG]
+    runners = {
+        "fast": ("fast", plan.floats),
+        "em": ("em", plan.floats),
+        CROWDED: ("fast", per_lobe * plan.crowd),
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in runners}
+    label = f"timing fast, em, and fast with {plan.crowd} lobes in turn"
     for _ in follow(range(plan.races), label, plan.races):
-        for name, passed in seconds.items():
-            task = Task(reference, plan.floats, 0, lambda: None)
-            passed.append(timed(methods.run, METHODS[name], task)[1]["cpu_seconds"])
+        for name, (method, floats) in runners.items():
+            task = Task(reference, floats, 0, lambda: None)
+            seconds[name].append(timed(methods.run, METHODS[method], task)[1]["cpu_seconds"])
     return seconds
 
 

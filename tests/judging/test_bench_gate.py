@@ -11,7 +11,7 @@ import pytest
 
 from asglight.errors import InputError
 from asglight.judging import bench_gate
-from asglight.judging.bench_plan import Effort, plan_of
+from asglight.judging.bench_plan import CROWDED, Effort, plan_of
 from asglight.judging.metrics import METRIC_NAMES
 
 PATH = Path("base.json")
@@ -109,6 +109,16 @@ def test_a_preset_that_slows_down_beside_em_is_stopped(
     document["inputs"][0]["races"]["fast"] = [3.3, 3.4, 3.5]  # median 3.4 for 2.1: 1.6 times
     document["inputs"][1]["sequence"]["methods"]["live"]["next_cpu_seconds"] = 0.8
     assert names(before, document) == ["fast, time over em", "live, sequence, time over em"]
+
+
+def test_a_preset_that_grows_faster_with_its_lobes_is_stopped(
+    before: dict[str, Any], document: dict[str, Any]
+) -> None:
+    race = document["inputs"][0]["races"]
+    race[CROWDED] = [1.4 * seconds for seconds in race[CROWDED]]
+    assert names(before, document) == []
+    race[CROWDED] = [1.1 * seconds for seconds in race[CROWDED]]
+    assert names(before, document) == ["fast, time of a crowd over em"]
 
 
 def test_flicker_and_errors_of_a_sequence_are_held(

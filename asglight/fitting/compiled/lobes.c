@@ -70,11 +70,16 @@ typedef struct {
     vec x, y, z, along_x, along_y, gaussian;
 } Looked;
 
+/* Along the axis of a lobe: nothing of it is seen where this is not above 0, half of the sphere. */
+static inline vec ahead(const Seen *seen, vec x, vec y, vec z) {
+    return x * seen->axes[2][0] + y * seen->axes[2][1] + z * seen->axes[2][2];
+}
+
 static inline Looked look(const Seen *seen, vec x, vec y, vec z) {
     Looked at;
     at.x = x * seen->axes[0][0] + y * seen->axes[0][1] + z * seen->axes[0][2];
     at.y = x * seen->axes[1][0] + y * seen->axes[1][1] + z * seen->axes[1][2];
-    at.z = x * seen->axes[2][0] + y * seen->axes[2][1] + z * seen->axes[2][2];
+    at.z = ahead(seen, x, y, z);
     at.along_x = at.x * seen->xx + at.y * seen->xy;
     at.along_y = at.x * seen->xy + at.y * seen->yy;
     vec power = seen->log_peak - (at.x * at.along_x + at.y * at.along_y);
@@ -111,6 +116,11 @@ static void images(int64_t lobes, const float *axes, const float *sharpness, con
             const float *x = own.places, *y = x + own.count, *z = y + own.count;
             vec total = splat(0.0f);
             for (int64_t p = 0; p < own.count; p += LANE) {
+                if (!any(ahead(&seen, load(x + p), load(y + p), load(z + p)) > 0.0f)) {
+                    store(value + p, splat(0.0f));
+                    store(over_z + p, splat(0.0f));
+                    continue;
+                }
                 Looked at = look(&seen, load(x + p), load(y + p), load(z + p));
                 vec shown = at.z * at.gaussian;
                 store(value + p, shown);
@@ -167,6 +177,7 @@ static void slopes(int64_t lobes, const float *axes, const float *sharpness,
             vec sums[14];
             for (int k = 0; k < 14; k++) sums[k] = splat(0.0f);
             for (int64_t p = 0; p < own.count; p += LANE) {
+                if (!any(ahead(&seen, load(x + p), load(y + p), load(z + p)) > 0.0f)) continue;
                 Looked at = look(&seen, load(x + p), load(y + p), load(z + p));
                 vec value = at.z * at.gaussian, side_x = at.along_x * seen.side_x;
                 vec side_y = at.along_y * seen.side_y, share = load(own.share + p);

@@ -11,18 +11,36 @@ enum { UNKNOWNS = 8, PULLS = 4 };
 
 static const double BROAD = 0.5, ROUND_RATIO = 2.6, SEEN_SHARE = 1e-12, BEYOND = 1e-4;
 
+enum { STRIP = 4 };
+
+typedef double quad __attribute__((vector_size(32), aligned(8), may_alias));
+
+/* Of a row and each of some others side by side, products of what lies before the others' diagonals,
+ * summed by place modulo 4: one chain of sums after the other would wait for each addition. */
+static void strip_products(const double *row, const double *others, long n, int count, long before,
+                           quad parts[STRIP]) {
+    quad zero = {0}, all[STRIP] = {zero, zero, zero, zero};
+    const double *other[STRIP];
+    for (int s = 0; s < STRIP; s++) other[s] = others + (s < count ? s : 0) * n;
+    for (long k = 0; k < before; k += STRIP)
+        for (int s = 0; s < STRIP; s++)
+            all[s] += *(const quad *)(row + k) * *(const quad *)(other[s] + k);
+    for (int s = 0; s < STRIP; s++) parts[s] = all[s];
+}
+
 /* Solve a x = b, a [n][n] positive definite with a lower triangle that is overwritten, b with x.
  * Return 0 if it is not definite. */
 static int solve_definite(int n, double *a, double *b) {
     for (int i = 0; i < n; i++) {
         double *row = a + (long)i * n;
+        quad parts[STRIP];
         for (int j = 0; j <= i; j++) {
             const double *other = a + (long)j * n;
-            double part[4] = {0}, total = row[j];
-            int k = 0;
-            for (; k + 4 <= j; k += 4)
-                for (int l = 0; l < 4; l++) part[l] += row[k + l] * other[k + l];
-            for (; k < j; k++) part[0] += row[k] * other[k];
+            int first = j / STRIP * STRIP;
+            if (j == first) strip_products(row, other, n, i + 1 - j, j, parts);
+            double part[4], total = row[j];
+            for (int l = 0; l < 4; l++) part[l] = parts[j - first][l];
+            for (int k = first; k < j; k++) part[0] += row[k] * other[k];
             total -= (part[0] + part[2]) + (part[1] + part[3]);
             if (j < i)
                 row[j] = total / other[j];

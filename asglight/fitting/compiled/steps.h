@@ -32,6 +32,11 @@ static inline void store(float *to, vec value) { *(vec *)to = value; }
 static inline vec choose(ivec mask, vec one, vec other) {
     return (vec)((mask & (ivec)one) | (~mask & (ivec)other));
 }
+static inline int any(ivec mask) {
+    int found = 0;
+    for (int l = 0; l < LANE; l++) found |= mask[l];
+    return found != 0;
+}
 static inline float sum(vec v) {
     return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
 }
