@@ -35,8 +35,8 @@ def relit(found: newton.Outcome, frame: objective.Target) -> Images:
     """Return lobes that took their steps with the last solution for their light.
 
     Args:
-        found: The lobes.  F = 1.
-        frame: The map.
+        found: The lobes.
+        frame: The maps.
     """
     assert found.shown is not None  # of lobes that took steps
     return last(found.shown, frame)
