@@ -57,11 +57,14 @@ class Outcome:
     damping: Tensor
     shown: Images | None = None
 
-    def best(self) -> "Outcome":
-        """Return the frame with the least J, for frames that are the same.  F = 1."""
-        index = self.value.argmin(keepdim=True)
+    def __getitem__(self, index: Tensor) -> "Outcome":
+        """Pick frames by index or mask."""
         shown = None if self.shown is None else self.shown[index]
         return Outcome(self.lobes[index], self.value[index], self.damping[index], shown)
+
+    def best(self) -> "Outcome":
+        """Return the frame with the least J, for frames that are the same.  F = 1."""
+        return self[self.value.argmin(keepdim=True)]
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,10 @@ _Progress = tuple[_State, Tensor]
 
 REPLAYS = Replays()
 """The steps on GPUs."""
+
+REPLAYED_FRAMES = 32
+"""Frames side by side, at most, whose steps are recorded. Of more a step computes for longer than
+it takes to start, by estimate, and each kind would keep the memory of a step: 60 MB a frame."""
 
 
 def minimise(
@@ -183,6 +190,12 @@ def _on_device(
         if on_step is not None:
             on_step(progress[0].shown.lobes.clone())
 
+    if len(damping) > REPLAYED_FRAMES:
+        progress = state, damping
+        for _ in range(steps):
+            progress = _step(progress, given)
+            report(progress)
+        return progress
     return REPLAYS.run(_step, (state, damping), given, steps, on_step and report)
 
 
