@@ -223,7 +223,7 @@ def fit_first_frame(
         frames = [whole, coarse, last]
         if weights is not None:
             frames = [balance.weighed(each, weights) for each in frames]
-        found = descend(seed[None], *frames[:2], effort.levels, width_min, report)
+        found = descend(seed[None], frames[0], frames[1], effort.levels, width_min, report)
         return newton.minimise(
             found.lobes, frames[2], effort.finishing, width_min=width_min, on_step=report
         )

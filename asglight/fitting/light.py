@@ -58,7 +58,9 @@ def relight(shown: Images, frame: objective.Target, still: Tensor | None = None)
     gram, slope = _normal_equations(shown, frame)
     right = gram @ near - slope  # the minimum lies where the slope at the amplitudes is undone
     free = torch.ones_like(shown.scale, dtype=torch.bool) if still is None else ~still
-    solved = [_solved(*one) for one in zip(gram, right, near, free, strict=True)]
+    # solved here, and brought here at once
+    systems = zip(*(each.cpu() for each in (gram, right, near, free)), strict=True)
+    solved = [_solved(*one) for one in systems]
     lobes = replace(shown.lobes, amplitude=torch.stack(solved).to(amplitude))
     return replace(shown, lobes=lobes)
 

@@ -335,6 +335,8 @@ def _solve(
     torch.diagonal(scaled, dim1=-2, dim2=-1).fill_(1.0)
     right = -gradient * scale
     factor, failed = torch.linalg.cholesky_ex(scaled)
-    step = torch.cholesky_solve(right[..., None], factor)[..., 0] * scale
+    # cholesky_solve of several systems is MAGMA's on a GPU, which no graph can hold
+    half = torch.linalg.solve_triangular(factor, right[..., None], upper=False)
+    step = torch.linalg.solve_triangular(factor.mT, half, upper=True)[..., 0] * scale
     step = torch.where((failed > 0)[:, None], 0.0, step)
     return step.reshape(-1, lobes.count, UNKNOWNS)

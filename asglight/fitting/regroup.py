@@ -220,18 +220,24 @@ def without(gone: int, lobes: Lobes, filled: Tensor, width_min: float) -> Lobes:
 
 def absences(shown: lobe_images.Images, frame: objective.Target) -> tuple[Tensor, Tensor]:
     """Return `absences_of_each` of one frame.  [N] and [N, N, 8]."""
-    costs, steps = absences_of_each(shown, frame)
+    costs, steps = absences_of_each(shown, objective.misfit(shown.radiance, frame), frame)
     return costs[0], steps[0]
 
 
-def absences_of_each(shown: lobe_images.Images, frame: objective.Target) -> tuple[Tensor, Tensor]:
+def absences_of_each(
+    shown: lobe_images.Images, found: objective.Misfit, frame: objective.Target
+) -> tuple[Tensor, Tensor]:
     """Return how much J of each frame grows, to second order, when a lobe is taken away.
+
+    Args:
+        shown: The lobes on the leaves.
+        found: J of what they show.
+        frame: The maps and their weights.
 
     Returns:
         The growth for each lobe [F, N], and the step of all lobes that takes its light away and
         makes up for it, in local coordinates [F, N, N, 8].
     """
-    found = objective.misfit(shown.radiance, frame)
     hessian = newton.normal_equations(shown, found, frame)[0]
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
     least = 1e-12 * diagonal.amax(-1, keepdim=True)

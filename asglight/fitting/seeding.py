@@ -18,6 +18,7 @@ as narrow as it is.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -85,8 +86,10 @@ def cells(reference: Tensor) -> Cells:
         reference: Radiance.  [H, W, 3]
     """
     height, width, _ = reference.shape
-    solid_angle = latlong.texel_solid_angles(height, width, dtype=torch.float64)
-    integrals = _moment_features(reference) * solid_angle.to(reference.device)[..., None]
+    moments, solid_angle = _of_directions(height, width, str(reference.device))
+    radiance = reference.double()
+    features = torch.cat([radiance, radiance.sum(-1, keepdim=True) * moments], dim=-1)
+    integrals = features * solid_angle  # RGB, power times direction and its outer product
     enough = BRIGHT_SHARE * integrals[..., :3].sum()
     parts: list[Tensor] = []
     reached = torch.ones(1, 1, dtype=torch.bool, device=reference.device)
@@ -115,14 +118,18 @@ def cells(reference: Tensor) -> Cells:
     )
 
 
-def _moment_features(reference: Tensor) -> Tensor:
-    """Return RGB, and the power times direction and times its outer product.  [H, W, 15]."""
-    height, width, _ = reference.shape
-    directions = latlong.directions(height, width, dtype=torch.float64, device=reference.device)
+@lru_cache(maxsize=4)
+@torch.inference_mode(False)
+def _of_directions(height: int, width: int, device: str) -> tuple[Tensor, Tensor]:
+    """Return what depends on the grid alone: made once, for it is brought to a GPU.
+
+    Returns:
+        Direction and its outer product [H, W, 12], and solid angle [H, W, 1], of each texel.
+    """
+    directions = latlong.directions(height, width, dtype=torch.float64)
     outer = (directions[..., :, None] * directions[..., None, :]).flatten(2)
-    radiance = reference.double()
-    power = radiance.sum(-1, keepdim=True)
-    return torch.cat([radiance, power * directions, power * outer], dim=-1)
+    solid_angle = latlong.texel_solid_angles(height, width, dtype=torch.float64)[..., None]
+    return torch.cat([directions, outer], dim=-1).to(device), solid_angle.contiguous().to(device)
 
 
 def split(source: Cells, count: int, spread_deg: float) -> Tensor:

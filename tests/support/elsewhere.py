@@ -17,7 +17,8 @@ from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_flatten, tree_map
 
-DEVICE = torch.device("meta")
+DEVICE = torch.device("meta:1")
+"""Of a number of its own: constants are kept by device, and those of "meta" have no data."""
 
 _COPIES = ("aten::_to_copy", "aten::copy_", "aten::_copy_from")
 """What goes from one device to the other."""

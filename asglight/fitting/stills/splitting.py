@@ -83,7 +83,8 @@ def _filled_up(splits: list[Split]) -> list[Split]:
 def _to_try(best: newton.Outcome, frames: objective.Target) -> tuple[list[Iterator[Split]], Tensor]:
     """Return the splits of each fit in the order in which they are tried, and `absences`' steps."""
     assert best.shown is not None  # of lobes that took steps
-    costs, filled = absences_of_each(best.shown, frames)
+    misfit = objective.misfit(best.shown.radiance, frames)
+    costs, filled = absences_of_each(best.shown, misfit, frames)
     own = lying_on(best.shown, frames)
     form = best.lobes.form
     pairs = zip(own.cpu(), costs.cpu(), strict=True)
