@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 
-.PHONY: help setup setup-dcc demo pictures bench bench-fit figures stress soak test test-fast test-usd test-dcc test-dcc-short \
+.PHONY: help setup setup-dcc demo pictures bench bench-fit bench-command gpu figures stress soak test test-fast test-usd test-dcc test-dcc-short \
   test-ball-truth dcc-picture lint format clean
 
 help:            ## list the targets
@@ -42,6 +42,12 @@ stress: setup    ## stiff, extreme and broken input, measured, into docs/stress.
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
 	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
+
+bench-command: setup  ## whole commands as ratios, held against the baseline (command-output/); BLESS=1 renews it
+	$(BIN)/python -m benchmarks.command -o command-output $(if $(BLESS),--bless)
+
+gpu:             ## all that is measured on a GPU, in eight minutes (gpu-output/, docs/gpu.md); WHEELS=DIR without network
+	PYTHON=$(PYTHON) WHEELS="$(WHEELS)" sh .ci/gpu -o gpu-output --maps "$(MAPS)" --sequence "$(SEQUENCES)/day"
 
 figures: setup   ## the paper's figures on MAPS and SEQUENCES, into docs/figures.md (figures-output/)
 	$(BIN)/asglight figures lobes "$(MAPS)/lobby.exr" -o figures-output
@@ -90,4 +96,4 @@ format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) .venv-dcc demo-output dcc-output pictures bench-output bench-fit figures-output stress-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis soak-output
+	rm -rf $(VENV) .venv-dcc .venv-gpu gpu-output command-output demo-output dcc-output pictures bench-output bench-fit figures-output stress-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis soak-output

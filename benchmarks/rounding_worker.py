@@ -103,7 +103,8 @@ def look(own: Arrays, device: str) -> Arrays:
     sharper = Lobes(axes[None], MOVED * sharpness[None], light[None], form)
     moved = lobe_images.images(sharper, places)
     matrix, slope = newton.normal_equations(moved, objective.misfit(moved.radiance, target), target)
-    errors = frame_errors(Lobes(axes, sharpness, amplitude, form), radiance).values
+    # the judge works on the processor
+    errors = frame_errors(Lobes(axes, sharpness, amplitude, form).to("cpu"), radiance.cpu()).values
     found = {
         "J": objective.value(seen.radiance, target)[0],
         "slope": slope[0],

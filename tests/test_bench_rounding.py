@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 import torch
 from bench_scripts import script
-from lobe_cases import sky_and_sun
+from elsewhere import DEVICE, watched
+from lobe_cases import KNOWN, sky_and_sun
 
 from asglight.cli import built_in
 from asglight.images import write_exr
-from asglight.lobes import Form
+from asglight.lobes import Form, texels
 
 rounding = script("rounding")
+worker = script("rounding_worker")
 ridge = script("ridge")
 lean_path = script("lean_path")
 
@@ -94,6 +96,18 @@ def test_differences_are_relative_to_the_exact_in_units_of_its_curvature() -> No
     others = rounding.differences(found | {"cells": np.array([3, 5])}, exact)
     assert math.isnan(others["J"])
     assert others["shown"] == pytest.approx(0.5)
+
+
+@pytest.mark.usefixtures("torch_steps")
+def test_lobes_are_looked_at_on_another_device() -> None:
+    lobes = KNOWN.to(torch.float64)
+    own = rounding.of_map(texels.texel_means(KNOWN, 16, 32).float())
+    arrays = {name: getattr(lobes, name).numpy() for name in ("axes", "sharpness", "amplitude")}
+    with watched():
+        there = worker.look(own | arrays, str(DEVICE))
+    here = worker.look(own | arrays, "cpu")
+    for name, found in there.items():
+        np.testing.assert_allclose(found, here[name], rtol=1e-5, atol=1e-7, err_msg=name)
 
 
 def test_no_cuda_is_said_in_one_line_and_no_maps_in_one(

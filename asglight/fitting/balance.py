@@ -45,8 +45,11 @@ def errors(radiance: Tensor, frame: Target) -> Tensor:
     They are taken on the leaves and at the probes' views.
 
     Args:
-        radiance: On the leaves.  [1, 3, P]
-        frame: The map.  F = 1
+        radiance: On the leaves.  [F, 3, P]
+        frame: The maps.
+
+    Returns:
+        [F, 5]
     """
     places, rows = frame.places, frame.places.rows
     cells = (radiance[:, None, :, : places.count] - frame.parts).abs().mean(1).sum(1)
@@ -64,29 +67,45 @@ def errors(radiance: Tensor, frame: Target) -> Tensor:
         found.append((own * missed.sum(1)).sum(-1) / mean)
         if len(found) == 2:  # Lambert's
             found.append(3 * missed.amax((-2, -1)) / mean)
-    return torch.stack(found, dim=-1)[0]
+    return torch.stack(found, dim=-1)
 
 
 def aims(yardstick: Lobes, frame: Target, left: tuple[float, ...]) -> Tensor:
-    """Return the errors that a fit is to come to, in the order of `ERRORS`.
+    """Return `aims_of_each` of one map, whose yardstick is [N, .].  [5]."""
+    return aims_of_each(yardstick[None], frame, left)[0]
+
+
+def aims_of_each(yardstick: Lobes, frame: Target, left: tuple[float, ...]) -> Tensor:
+    """Return the errors that fits are to come to, in the order of `ERRORS`.
 
     Args:
-        yardstick: Lobes that took no steps.  [N, .]
-        frame: The map.  F = 1
+        yardstick: Lobes that took no steps.  [F, N, .]
+        frame: The maps.
         left: Shares of the yardstick's errors that a fit is to leave.
+
+    Returns:
+        [F, 5]
     """
-    shown = lobe_images.images(yardstick[None], frame.places)
+    shown = lobe_images.images(yardstick, frame.places)
     found = errors(shown.radiance, frame)
     return torch.maximum(found * found.new_tensor(left), found.new_tensor(ENOUGH))
 
 
 def lags(found: newton.Outcome, frame: Target, aim: Tensor) -> Tensor:
+    """Return `lags_of_each` of one map, whose aim is [5].  [5]."""
+    return lags_of_each(found, frame, aim)[0]
+
+
+def lags_of_each(found: newton.Outcome, frame: Target, aim: Tensor) -> Tensor:
     """Return each error over what it is to come to: above 1 it lags behind.
 
     Args:
-        found: Lobes that took steps.  F = 1
-        frame: The map, with J's own weights.
-        aim: From `aims`.
+        found: Lobes that took steps.
+        frame: The maps, with J's own weights.
+        aim: From `aims_of_each`.  [F, 5]
+
+    Returns:
+        [F, 5]
     """
     return errors(light.relit(found, frame).radiance, frame) / aim
 

@@ -3,6 +3,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -24,6 +25,22 @@ from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
+
+
+class Splitting(Protocol):
+    """Tries splits and merges, as `regroup`."""
+
+    def __call__(
+        self,
+        start: newton.Outcome,
+        frame: objective.Target,
+        coarse: objective.Target,
+        rounds: int,
+        width_min: float,
+        on_step: newton.OnStep | None = None,
+    ) -> newton.Outcome:
+        """Return the lobes after so many rounds at most."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -214,7 +231,7 @@ def fit_first_frame(
         frames = [whole, coarse, last]
         if weights is not None:
             frames = [balance.weighed(each, weights) for each in frames]
-        found = descend(seed[None], *frames[:2], effort.levels, width_min, report)
+        found = descend(seed[None], frames[0], frames[1], effort.levels, width_min, report)
         return newton.minimise(
             found.lobes, frames[2], effort.finishing, width_min=width_min, on_step=report
         )
@@ -251,16 +268,18 @@ def descend(
     levels: tuple[Level, ...],
     width_min: float,
     on_step: newton.OnStep | None = None,
+    splitting: Splitting = regroup,
 ) -> newton.Outcome:
     """Take the steps of each level in turn.
 
     Args:
-        start: Where to start.  [1, N, .]
-        frame: The map; each level brings its own corners.
+        start: Where to start.  [F, N, .]
+        frame: The maps; each level brings its own corners.
         coarse: The same on few leaves.
         levels: What is done.
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes after each step, and each round of splits that is kept.
+        splitting: Tries splits; `regroup` is for one map.
     """
     state = newton.Outcome(start, torch.empty(0), torch.tensor(newton.DAMPING_START))
     for level in levels:
@@ -275,7 +294,7 @@ def descend(
         )
         if level.rounds:
             fewer = replace(coarse, corners=level.corners)
-            state = regroup(state, softened, fewer, level.rounds, width_min, on_step)
+            state = splitting(state, softened, fewer, level.rounds, width_min, on_step)
     return state
 
 

@@ -35,8 +35,8 @@ def relit(found: newton.Outcome, frame: objective.Target) -> Images:
     """Return lobes that took their steps with the last solution for their light.
 
     Args:
-        found: The lobes.  F = 1.
-        frame: The map.
+        found: The lobes.
+        frame: The maps.
     """
     assert found.shown is not None  # of lobes that took steps
     return last(found.shown, frame)
@@ -58,7 +58,9 @@ def relight(shown: Images, frame: objective.Target, still: Tensor | None = None)
     gram, slope = _normal_equations(shown, frame)
     right = gram @ near - slope  # the minimum lies where the slope at the amplitudes is undone
     free = torch.ones_like(shown.scale, dtype=torch.bool) if still is None else ~still
-    solved = [_solved(*one) for one in zip(gram, right, near, free, strict=True)]
+    # solved here, and brought here at once
+    systems = zip(*(each.cpu() for each in (gram, right, near, free)), strict=True)
+    solved = [_solved(*one) for one in systems]
     lobes = replace(shown.lobes, amplitude=torch.stack(solved).to(amplitude))
     return replace(shown, lobes=lobes)
 

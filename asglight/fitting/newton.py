@@ -71,11 +71,14 @@ class Outcome:
     damping: Tensor
     shown: Images | None = None
 
-    def best(self) -> "Outcome":
-        """Return the frame with the least J, for frames that are the same.  F = 1."""
-        index = self.value.argmin(keepdim=True)
+    def __getitem__(self, index: Tensor) -> "Outcome":
+        """Pick frames by index or mask."""
         shown = None if self.shown is None else self.shown[index]
         return Outcome(self.lobes[index], self.value[index], self.damping[index], shown)
+
+    def best(self) -> "Outcome":
+        """Return the frame with the least J, for frames that are the same.  F = 1."""
+        return self[self.value.argmin(keepdim=True)]
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,10 @@ _Progress = tuple[_State, Tensor]
 
 REPLAYS = Replays()
 """The steps on GPUs."""
+
+REPLAYED_FRAMES = 32
+"""Frames side by side, at most, whose steps are recorded. Of more a step computes for longer than
+it takes to start, by estimate, and each kind would keep the memory of a step: 60 MB a frame."""
 
 
 def minimise(
@@ -273,6 +280,12 @@ def _on_device(
         if on_step is not None:
             on_step(progress[0].shown.lobes.clone())
 
+    if len(damping) > REPLAYED_FRAMES:
+        progress = state, damping
+        for _ in range(steps):
+            progress = _step(progress, given)
+            report(progress)
+        return progress
     return REPLAYS.run(_step, (state, damping), given, steps, on_step and report)
 
 
@@ -412,6 +425,8 @@ def _solve(
     torch.diagonal(scaled, dim1=-2, dim2=-1).fill_(1.0)
     right = -gradient * scale
     factor, failed = torch.linalg.cholesky_ex(scaled)
-    step = torch.cholesky_solve(right[..., None], factor)[..., 0] * scale
+    # cholesky_solve of several systems is MAGMA's on a GPU, which no graph can hold
+    half = torch.linalg.solve_triangular(factor, right[..., None], upper=False)
+    step = torch.linalg.solve_triangular(factor.mT, half, upper=True)[..., 0] * scale
     step = torch.where((failed > 0)[:, None], 0.0, step)
     return step.reshape(-1, lobes.count, UNKNOWNS)

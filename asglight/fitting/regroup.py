@@ -13,7 +13,7 @@ first steps must fill.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -156,12 +156,31 @@ def ordered(shown: lobe_images.Images, frame: objective.Target, costs: Tensor) -
         frame: The map and its weights.
         costs: What the absence of each lobe costs; infinity for one that may not go.  [N]
     """
-    lobes = shown.lobes
-    error = objective.placed(shown.radiance, frame)[0]
-    sent = shown.values[0] * lobes.amplitude[0].sum(-1, keepdim=True)
-    taken = sent / sent.sum(0).clamp(min=torch.finfo(torch.float32).tiny)
-    own = taken @ error
-    axes = 1 if lobes.form is Form.SG else 2
+    return ranked(lying_on(shown, frame)[0], costs, shown.lobes.form)
+
+
+def lying_on(shown: lobe_images.Images, frame: objective.Target) -> Tensor:
+    """Return how much of J lies on each lobe: its share of the light where J lies.  [F, N].
+
+    Args:
+        shown: The lobes on the leaves.
+        frame: The maps and their weights.
+    """
+    error = objective.placed(shown.radiance, frame)
+    sent = shown.values * shown.lobes.amplitude.sum(-1, keepdim=True)
+    taken = sent / sent.sum(1, keepdim=True).clamp(min=torch.finfo(torch.float32).tiny)
+    return (taken @ error[..., None])[..., 0]
+
+
+def ranked(own: Tensor, costs: Tensor, form: Form) -> list[Split]:
+    """Return the splits to try, by what lies on lobes and what their absence costs.
+
+    Args:
+        own: How much of J lies on each lobe.  [N]
+        costs: What the absence of each costs; infinity for one that may not go.  [N]
+        form: Lobe function.
+    """
+    axes = 1 if form is Form.SG else 2
     cheapest = [index for index in costs.argsort().tolist() if math.isfinite(costs[index])]
     ranked: list[tuple[int, Split]] = []
     for place, lobe in enumerate(own.argsort(descending=True).tolist()):
@@ -184,6 +203,23 @@ def carried_out(split: Split, lobes: Lobes, filled: Tensor, width_min: float) ->
     return halved(without(split.gone, lobes, filled, width_min), *split)
 
 
+def carried_out_each(
+    splits: Sequence[Split], lobes: Lobes, filled: Tensor, width_min: float
+) -> Lobes:
+    """Return the lobes of each trial after its split.
+
+    Args:
+        splits: One a trial.  K
+        lobes: The lobes of each.  [K, N, .]
+        filled: The step of `absences` for the lobe that goes.  [K, N, 8]
+        width_min: Sigma of the narrowest lobe allowed, radians.
+    """
+    gone = torch.tensor([split.gone for split in splits]).to(filled.device)
+    ahead = advance(lobes, filled, width_min)
+    lit = torch.arange(lobes.count, device=filled.device) != gone[:, None]
+    return halved_each(replace(ahead, amplitude=ahead.amplitude * lit[..., None]), splits)
+
+
 def without(gone: int, lobes: Lobes, filled: Tensor, width_min: float) -> Lobes:
     """Return the lobes with one black, the others making up for it.
 
@@ -199,41 +235,52 @@ def without(gone: int, lobes: Lobes, filled: Tensor, width_min: float) -> Lobes:
 
 
 def absences(shown: lobe_images.Images, frame: objective.Target) -> tuple[Tensor, Tensor]:
-    """Return how much J of one frame grows, to second order, when a lobe is taken away.
+    """Return `absences_of_each` of one frame.  [N] and [N, N, 8].
 
-    Returns:
-        The growth for each lobe [N], and the step of all lobes that takes its light away and makes
-        up for it, in local coordinates [N, N, 8].
+    Of more than `newton.TOGETHER` lobes, neighbours alone make up for each other.
     """
     found, count = objective.misfit(shown.radiance, frame), shown.lobes.count
     if count <= newton.TOGETHER:
-        return _absences(shown, found, frame)
+        costs, steps = absences_of_each(shown, found, frame)
+        return costs[0], steps[0]
     costs = torch.zeros(count, dtype=torch.float64, device=shown.scale.device)
     steps = costs.new_zeros(count, count, UNKNOWNS)
     for index in neighbours.parts(shown.lobes.axis_z, newton.PART, 0):
         own = lobe_images.images(neighbours.some(shown.lobes, index), frame.places)
         part = index[0]
-        costs[part], steps[part[:, None], part] = _absences(own, found, frame)
+        growth, undone = absences_of_each(own, found, frame)
+        costs[part], steps[part[:, None], part] = growth[0], undone[0]
     return costs, steps
 
 
-def _absences(
+def absences_of_each(
     shown: lobe_images.Images, found: objective.Misfit, frame: objective.Target
 ) -> tuple[Tensor, Tensor]:
-    """Return `absences` of some lobes, with those alone to make up for each other."""
-    hessian = newton.normal_equations(shown, found, frame)[0][0]
-    count = shown.lobes.count
-    diagonal = torch.diagonal(hessian)
-    scale = diagonal.clamp(min=1e-12 * float(diagonal.max())).rsqrt()
-    scaled = hessian * scale[:, None] * scale + RIDGE * torch.eye(len(scale)).to(hessian)
-    inverse = torch.linalg.inv(scaled) * scale[:, None] * scale
-    blocks = inverse.reshape(count, UNKNOWNS, count, UNKNOWNS)
-    own = torch.stack([blocks[i, 5:, i, 5:] for i in range(count)])  # [N, 3, 3]
-    amplitude = shown.lobes.amplitude[0].double()[..., None]
-    force = torch.linalg.solve(own, amplitude)
-    costs = 0.5 * (amplitude.mT @ force).flatten()
-    steps = [-(blocks[..., i, 5:] @ force[i])[..., 0] for i in range(count)]
-    return costs, torch.stack(steps)
+    """Return how much J of each frame grows, to second order, when a lobe is taken away.
+
+    Args:
+        shown: The lobes on the leaves.
+        found: J of what they show.
+        frame: The maps and their weights.
+
+    Returns:
+        The growth for each lobe [F, N], and the step of all lobes that takes its light away and
+        makes up for it, in local coordinates [F, N, N, 8].
+    """
+    hessian = newton.normal_equations(shown, found, frame)[0]
+    diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
+    least = 1e-12 * diagonal.amax(-1, keepdim=True)
+    scale = torch.maximum(diagonal, least).rsqrt()
+    scaled = hessian * scale[:, :, None] * scale[:, None]
+    torch.diagonal(scaled, dim1=-2, dim2=-1).add_(RIDGE)
+    inverse = torch.linalg.inv(scaled) * scale[:, :, None] * scale[:, None]
+    blocks = inverse.unflatten(-1, (-1, UNKNOWNS))[..., 5:].transpose(1, 2)  # [F, N, 8 N, 3]
+    own = torch.diagonal(blocks.unflatten(2, (-1, UNKNOWNS)), dim1=1, dim2=2).movedim(-1, 1)
+    amplitude = shown.lobes.amplitude.double()[..., None]
+    force = torch.linalg.solve(own[..., 5:, :], amplitude)  # [F, N, 3, 1]
+    costs = 0.5 * (amplitude.mT @ force).flatten(1)
+    steps = -(blocks @ force)[..., 0]
+    return costs, steps.unflatten(-1, (-1, UNKNOWNS))
 
 
 def halved(lobes: Lobes, lobe: int, gone: int, axis: int) -> Lobes:
@@ -245,18 +292,32 @@ def halved(lobes: Lobes, lobe: int, gone: int, axis: int) -> Lobes:
         gone: Index of the lobe that goes.
         axis: 0 or 1, the axis along which the halves lie.
     """
+    return halved_each(lobes[None], [Split(lobe, gone, axis)])[0]
+
+
+def halved_each(lobes: Lobes, splits: Sequence[Split]) -> Lobes:
+    """Return the lobes of each trial, one of them halved as `halved` does it.
+
+    Args:
+        lobes: The lobes.  [K, N, .]
+        splits: One a trial.  K
+    """
+    trial = torch.arange(len(splits), device=lobes.axes.device)
+    lobe, gone, axis = torch.tensor(splits).T.to(trial.device)
     axes, sharpness = lobes.axes.clone(), lobes.sharpness.clone()
     amplitude = lobes.amplitude.clone()
-    factor = asg.per_variance(lobes.form)
-    sigma = min(1 / math.sqrt(factor * float(lobes.sharpness[lobe, axis])), 1.0)
-    narrower = (lobes.sharpness[lobe, axis] + BROAD) / (1 - OFFSET**2) - BROAD
+    along = lobes.sharpness[trial, lobe, axis]
+    sigma = (1 / (asg.per_variance(lobes.form) * along.double()).sqrt()).clamp(max=1.0)
+    offset = (OFFSET * sigma).to(along)[:, None] * lobes.axes[trial, lobe, axis]
+    narrower = (along + BROAD) / (1 - OFFSET**2) - BROAD
+    widths = lobes.sharpness[trial, lobe]
+    widths[trial, axis] = narrower
+    if lobes.form is Form.SG:
+        widths[:] = narrower[:, None]
     for index, side in ((lobe, 1.0), (gone, -1.0)):
-        frame = lobes.axes[lobe].clone()
-        frame[2] += side * OFFSET * sigma * lobes.axes[lobe, axis]
-        axes[index] = orthonormal(frame)
-        sharpness[index] = lobes.sharpness[lobe]
-        sharpness[index, axis] = narrower
-        if lobes.form is Form.SG:
-            sharpness[index] = narrower
-        amplitude[index] = HALF_LIGHT * lobes.amplitude[lobe]
+        frame = lobes.axes[trial, lobe]
+        frame[:, 2] += side * offset
+        axes[trial, index] = orthonormal(frame)
+        sharpness[trial, index] = widths
+        amplitude[trial, index] = HALF_LIGHT * lobes.amplitude[trial, lobe]
     return Lobes(axes, sharpness, amplitude, lobes.form)

@@ -18,10 +18,12 @@ as narrow as it is.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor
 
+from asglight.fitting import constants
 from asglight.lobes import Form, Lobes, asg, flat
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
@@ -84,8 +86,10 @@ def cells(reference: Tensor) -> Cells:
         reference: Radiance.  [H, W, 3]
     """
     height, width, _ = reference.shape
-    solid_angle = latlong.texel_solid_angles(height, width, dtype=torch.float64)
-    integrals = _moment_features(reference) * solid_angle.to(reference.device)[..., None]
+    moments, solid_angle = _of_directions(height, width, str(reference.device))
+    radiance = reference.double()
+    features = torch.cat([radiance, radiance.sum(-1, keepdim=True) * moments], dim=-1)
+    integrals = features * solid_angle  # RGB, power times direction and its outer product
     enough = BRIGHT_SHARE * integrals[..., :3].sum()
     parts: list[Tensor] = []
     reached = torch.ones(1, 1, dtype=torch.bool, device=reference.device)
@@ -114,14 +118,18 @@ def cells(reference: Tensor) -> Cells:
     )
 
 
-def _moment_features(reference: Tensor) -> Tensor:
-    """Return RGB, and the power times direction and times its outer product.  [H, W, 15]."""
-    height, width, _ = reference.shape
-    directions = latlong.directions(height, width, dtype=torch.float64, device=reference.device)
+@lru_cache(maxsize=4)
+@torch.inference_mode(False)
+def _of_directions(height: int, width: int, device: str) -> tuple[Tensor, Tensor]:
+    """Return what depends on the grid alone: made once, for it is brought to a GPU.
+
+    Returns:
+        Direction and its outer product [H, W, 12], and solid angle [H, W, 1], of each texel.
+    """
+    directions = latlong.directions(height, width, dtype=torch.float64)
     outer = (directions[..., :, None] * directions[..., None, :]).flatten(2)
-    radiance = reference.double()
-    power = radiance.sum(-1, keepdim=True)
-    return torch.cat([radiance, power * directions, power * outer], dim=-1)
+    solid_angle = latlong.texel_solid_angles(height, width, dtype=torch.float64)[..., None]
+    return torch.cat([directions, outer], dim=-1).to(device), solid_angle.contiguous().to(device)
 
 
 def split(source: Cells, count: int, spread_deg: float) -> Tensor:
@@ -136,43 +144,54 @@ def split(source: Cells, count: int, spread_deg: float) -> Tensor:
     Returns:
         Cluster index of each cell, below `count`; fewer clusters where cells run out.  [C]
     """
-    labels = torch.zeros(len(source.weight), dtype=torch.long, device=source.weight.device)
+    labels = torch.zeros_like(source.weight, dtype=torch.long)
     half = math.radians(spread_deg) ** 2
-    spreads = [_principal_spread(source, labels == 0, half)]
+    sizes, axes, middles = (each[None] for each in _principal_spread(source, labels == 0, half))
     for new in range(1, count):
-        chosen = max(range(len(spreads)), key=lambda index: spreads[index][0])
-        size, axis, middle = spreads[chosen]
-        if size <= 0:
-            break
+        chosen = sizes.argmax()
+        own = torch.arange(new, device=labels.device) == chosen
+        axis, middle = (own[:, None] * axes).sum(0), (own * middles).sum()
+        beyond = source.mean @ axis > middle
         members = labels == chosen
-        labels[members & (source.mean @ axis > middle)] = new
-        spreads[chosen] = _principal_spread(source, labels == chosen, half)
-        spreads.append(_principal_spread(source, labels == new, half))
+        labels = torch.where(members & beyond & (sizes.max() > 0), new, labels)
+        left = _principal_spread(source, labels == chosen, half)
+        right = _principal_spread(source, labels == new, half)
+        sizes, middles = (
+            torch.cat([torch.where(own, less, each), more[None]])
+            for each, less, more in ((sizes, left[0], right[0]), (middles, left[2], right[2]))
+        )
+        axes = torch.cat([torch.where(own[:, None], left[1], axes), right[1][None]])
     return labels
 
 
-def _principal_spread(source: Cells, members: Tensor, half: float) -> tuple[float, Tensor, float]:
+def _principal_spread(source: Cells, members: Tensor, half: float) -> tuple[Tensor, Tensor, Tensor]:
     """Return flux times variance / (1 + variance / half), the axis of it, and the mean along it.
 
     Where lamps stand alike around a middle no axis is the principal one, and a plane across that
     which comes first goes through lamps: of six on the axes two shared a lobe in the end. A plane
     askew to them passes between.
+
+    Args:
+        source: The cells; those of no weight count nowhere.
+        members: Which of them.  [C]
+        half: Variance that counts as half of the most there is.
+
+    Returns:
+        [], [3] and []; the first is 0 where there are fewer than two.
     """
-    if int(members.sum()) < 2:
-        return 0.0, source.mean.new_zeros(3), 0.0
-    weight, mean = source.weight[members], source.mean[members]
-    total = weight.sum()
-    centre = (weight[:, None] * mean).sum(0) / total
-    offset = mean - centre
+    weight = source.weight * members
+    total = weight.sum().clamp(min=torch.finfo(weight.dtype).tiny)
+    centre = (weight[:, None] * source.mean).sum(0) / total
+    offset = source.mean - centre
     scatter = (weight[:, None] * offset).mT @ offset
     values, vectors = torch.linalg.eigh(scatter)
-    axis = vectors[:, -1]
-    tied = vectors[:, values >= (1 - TIE) * values[-1]]
-    if tied.shape[1] > 1:
-        axis = torch.nn.functional.normalize(tied @ (tied.mT @ axis.new_tensor(ASKEW)), dim=0)
-    variance = float(values[-1] / total)
-    spread = float(total) * variance / (1 + variance / half)
-    return spread, axis, float(centre @ axis)
+    tied = values >= (1 - TIE) * values[-1]
+    askew = vectors @ (tied * (vectors.mT @ constants.like(vectors, *ASKEW)))
+    askew = torch.nn.functional.normalize(askew, dim=0)
+    axis = torch.where(tied.sum() > 1, askew, vectors[:, -1])
+    variance = values[-1] / total
+    size = total * variance / (1 + variance / half)
+    return torch.where((weight > 0).sum() > 1, size, 0.0), axis, (centre * axis).sum()
 
 
 def expectation_maximisation(source: Cells, taken: Tensor, form: Form, steps: int) -> Lobes:
@@ -207,12 +226,14 @@ def _expectation(source: Cells, lobes: Lobes, taken: Tensor) -> Tensor:
     density = asg.unit_lobes(lobes, centre) / asg.integral(lobes)[:, None]  # [N, C]
     likelihood = (share[:, None] * density).mT.contiguous()
     total = likelihood.sum(-1, keepdim=True)
-    taken = likelihood / total
-    unreached = total[:, 0] < 1e-250
-    if bool(unreached.any()):  # cells that no density reaches go to the nearest lobe
-        nearest = (centre[unreached] @ lobes.axis_z.mT).argmax(-1)
-        taken[unreached] = torch.nn.functional.one_hot(nearest, lobes.count).to(taken)
-    return taken
+    # cells that no density reaches go to the nearest lobe
+    nearest = (centre @ lobes.axis_z.mT).argmax(-1)
+    return torch.where(total < 1e-250, _shares_of(nearest, lobes.count), likelihood / total)
+
+
+def _shares_of(labels: Tensor, count: int) -> Tensor:
+    """Return 1 for the label of each cell, 0 for others, in float64.  [C] -> [C, N]."""
+    return (labels[:, None] == torch.arange(count, device=labels.device)).double()
 
 
 def _maximisation(source: Cells, taken: Tensor, form: Form, previous: Lobes | None) -> Lobes:
@@ -224,7 +245,7 @@ def _maximisation(source: Cells, taken: Tensor, form: Form, previous: Lobes | No
     second = torch.einsum("cn,cij->nij", weight, source.second) / safe[:, None, None]
     alive = (total > SHARE_MIN) & (mean.norm(dim=-1) > 1e-6)
     if previous is None:
-        fallback = axes_around(mean.new_tensor([0.0, 1.0, 0.0]).expand(len(total), 3))
+        fallback = axes_around(constants.like(mean, 0.0, 1.0, 0.0).expand(len(total), 3))
         fallback_sharpness = torch.ones_like(mean[:, :2])
     else:
         fallback, fallback_sharpness = previous.axes, previous.sharpness
@@ -235,9 +256,9 @@ def _maximisation(source: Cells, taken: Tensor, form: Form, previous: Lobes | No
     variance, vectors = torch.linalg.eigh(in_plane)  # ascending: x is the sharper axis
     if form is Form.SG:
         variance = variance.mean(-1, keepdim=True).expand(-1, 2)
-    axes = torch.cat([vectors.mT @ tangent, axis_z[:, None]], dim=1)
-    flip = torch.linalg.det(axes) < 0
-    axes[flip, 0] *= -1
+    axis_x, axis_y = (vectors.mT @ tangent).unbind(1)
+    flip = torch.linalg.det(torch.stack([axis_x, axis_y, axis_z], dim=1)) < 0
+    axes = torch.stack([torch.where(flip[:, None], -axis_x, axis_x), axis_y, axis_z], dim=1)
     sharpness = sharpness_from_variance(variance.clamp(min=source.variance_min), form)
     return Lobes(
         torch.where(alive[:, None, None], axes, fallback),
@@ -279,7 +300,7 @@ def seed_lobes(source: Cells, count: int, form: Form, spread_deg: float | None) 
     if spread_deg is None:
         return expectation_maximisation(source, _even(source, count), form, EVEN_STEPS)
     labels = split(source, count, spread_deg)
-    taken = torch.nn.functional.one_hot(labels, count).to(source.weight)
+    taken = _shares_of(labels, count)
     return expectation_maximisation(source, taken, form, EM_STEPS)
 
 

@@ -129,12 +129,17 @@ def ended(seed: Lobes, found: newton.Outcome, frame: objective.Target, aim: Tens
 
 
 def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
-    """Return J's part of what materials show wrong in the end.
+    """Return `lit_wrong_of_each` of one map."""
+    return float(lit_wrong_of_each(found, frame))
+
+
+def lit_wrong_of_each(found: newton.Outcome, frame: objective.Target) -> Tensor:
+    """Return J's part of what materials show wrong in the end.  [F].
 
     Args:
-        found: Lobes that took steps.  F = 1
-        frame: The map, with J's own weights.
+        found: Lobes that took steps.
+        frame: The maps, with J's own weights.
     """
     sharp = replace(frame, corners=light.CORNERS)
     seen = objective.sizes(light.relit(found, frame).radiance, sharp).seen
-    return float(objective.of_materials(seen, sharp))
+    return objective.of_materials(seen, sharp)

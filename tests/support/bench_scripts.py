@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scripts of benchmarks/ as modules."""
+"""The scripts and rooms of benchmarks/ as modules."""
 
 import importlib
 import sys
@@ -9,6 +9,13 @@ from typing import Any
 import pytest
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+def module(name: str) -> Any:
+    """Import a module of a room of benchmarks/, `gpu.table`; skip as `script`."""
+    if not BENCHMARKS.is_dir():
+        pytest.skip("benchmarks/ is in the repository alone", allow_module_level=True)
+    return importlib.import_module(f"benchmarks.{name}")
 
 
 def script(name: str) -> Any:

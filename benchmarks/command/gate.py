@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ratios of a run held against those of an earlier one."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from asglight.errors import InputError
+from asglight.images.message import listing, shown
+
+TAG, FORMAT = "asglight_command_baseline", 1
+
+FACTOR = 1.3
+"""That a ratio may be larger than the baseline's: the least of three runs in turn moves by a
+tenth or so on a machine with other work, and what this is for makes a third and more."""
+
+
+def as_baseline(ratios: Mapping[str, float], sizes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what later runs are held against.
+
+    Args:
+        ratios: By name.
+        sizes: Of what was measured; JSON values.
+    """
+    return {
+        TAG: FORMAT,
+        "sizes": dict(sizes),
+        "ratios": {name: round(value, 3) for name, value in ratios.items()},
+    }
+
+
+def read(path: Path, names: list[str], sizes: Mapping[str, Any]) -> dict[str, float]:
+    """Read the ratios of a baseline.
+
+    Args:
+        path: Its file.
+        names: Those that this run measures.
+        sizes: Of what it measures.
+
+    Raises:
+        InputError: It cannot be read, is none, or is of other ratios or sizes.
+    """
+    fix = "Write it anew with --bless."
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{shown(path)}: {error.strerror}; expected a baseline. {fix}") from error
+    except ValueError as error:
+        raise InputError(f"{shown(path)}: is no JSON; expected a baseline. {fix}") from error
+    if not isinstance(found, dict) or found.get(TAG) != FORMAT:
+        raise InputError(f"{shown(path)}: is no baseline of this version; expected one. {fix}")
+    if list(found["ratios"]) != names:
+        raise InputError(
+            f"{shown(path)}: has {listing(found['ratios'])}; expected {listing(names)}. {fix}"
+        )
+    if found["sizes"] != sizes:
+        raise InputError(
+            f"{shown(path)}: is of {shown(str(found['sizes']))}; expected {sizes}. {fix}"
+        )
+    return found["ratios"]
+
+
+def worse(before: Mapping[str, float], now: Mapping[str, float]) -> list[str]:
+    """Return a line for each ratio that got worse by more than `FACTOR`."""
+    return [
+        f"{name}: {now[name]:.2f}, was {value:.2f}; at most {FACTOR * value:.2f}"
+        for name, value in before.items()
+        if now[name] > FACTOR * value
+    ]

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The processor against the device: J, its slope and matrix at the same lobes, and whole fits."""
+
+import math
+from collections.abc import Iterator
+from itertools import islice
+
+from benchmarks import rounding
+from benchmarks.gpu.data import maps
+from benchmarks.gpu.rows import Given, Row
+
+MAPS, LOBES, SHORT_LOBES = 3, 15, 3
+
+SAME = {"J": 1e-4, "slope": 1e-3, "matrix": 1e-3}
+"""Relative differences at most: float32 sums of some 10,000 leaves round by 1e-5, and the slope
+near an end is a small difference of large ones."""
+
+FITTED = 1.5
+"""Factor of an error of a fit at most: what rounding alone does (docs/bench.md, A gate)."""
+
+
+def measure(given: Given) -> Iterator[Row]:
+    """Compare on a few maps, by `rounding.py`."""
+    count, some = (SHORT_LOBES, 1) if given.short else (LOBES, MAPS)
+    own = {name: rounding.of_map(each, count) for name, each in islice(maps(given).items(), some)}
+    for name, found in rounding.compared(own, "float32", given.device).items():
+        # where two cells were as good, other ones were refined: J is of something else there
+        apart = {what: found[what] for what in SAME if not math.isnan(found[what])}
+        at_most = {what: SAME[what] for what in apart}
+        yield Row(f"{name}: relative difference at the same lobes", dict(apart), at_most)
+        ratios: dict[str, float | str] = {
+            what: (found[f"fitted {what}"] + 1e-4) / (found[f"fitted {what} float32"] + 1e-4)
+            for what in rounding.JUDGED
+        }
+        at_most = {what: FITTED for what in ratios}
+        yield Row(f"{name}: error of a fit there over one here", ratios, at_most)
