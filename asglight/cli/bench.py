@@ -12,6 +12,7 @@ from asglight.cli.inputs import lit, open_input
 from asglight.cli.parser import add_input_options, add_json_option
 from asglight.cli.printing import counted, print_json, table
 from asglight.cli.progress import Reporter, reporter
+from asglight.cli.reading import given, read_options
 from asglight.errors import InputError
 from asglight.fitting.options import LOBES
 from asglight.images.message import shown
@@ -104,9 +105,11 @@ def command_of(arguments: argparse.Namespace) -> str:
     words = ["asglight", "bench", *arguments.input]
     words += [f"--{name}" for name in ("quick", "full") if getattr(arguments, name)]
     words += ["--lobes", str(arguments.lobes)] if arguments.lobes != LOBES else []
-    for name in ("paper_steps", "frames", "layer", "input_colorspace"):
+    for name in ("paper_steps", "frames"):
         value = getattr(arguments, name)
         words += [] if value is None else [f"--{name.replace('_', '-')}", str(value)]
+    for option, value in given(read_options(arguments)).items():
+        words += [option, value]
     return shlex.join(words)
 
 
@@ -163,8 +166,8 @@ def measure(
 
     records: list[dict[str, Any]] = []
     document: dict[str, Any] = {}
-    for given in inputs:
-        records.append(bench.measured(given, plan, report.follow))
+    for source in inputs:
+        records.append(bench.measured(source, plan, report.follow))
         document = bench.document(plan, records, command)
         write(folder, document, report)
     return document

@@ -14,6 +14,7 @@ from asglight.cli.parser import (
 )
 from asglight.cli.printing import print_json, table
 from asglight.cli.progress import Reporter, reporter
+from asglight.cli.reading import read_options
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import Sequence, open_sequence
@@ -77,8 +78,7 @@ def reference_for(frames: tuple[int, ...], arguments: argparse.Namespace) -> Seq
         arguments.reference,
         missing="hold",
         height=FIT_HEIGHT,
-        layer=arguments.layer,
-        colorspace=arguments.input_colorspace,
+        reading=read_options(arguments),
     )
     absent = [frame for frame in frames if frame not in sequence.source.files]
     if absent:

@@ -7,6 +7,7 @@ from typing import Any
 
 from asglight.cli.printing import counted, frame_range, print_json
 from asglight.cli.progress import reporter
+from asglight.cli.reading import read_options
 from asglight.cli.stage_options import given_stage_options
 from asglight.errors import InputError
 from asglight.fitting.options import FitOptions
@@ -107,8 +108,7 @@ def shots_from(arguments: argparse.Namespace, options: FitOptions) -> list[Shot]
                 arguments.frames,
                 arguments.fps,
                 arguments.missing,
-                arguments.layer,
-                arguments.input_colorspace,
+                read_options(arguments),
                 StageOptions(**given_stage_options(arguments)),
                 names_from_of(arguments, stage),
             )

@@ -14,6 +14,7 @@ from asglight.cli.inputs import lit, open_input
 from asglight.cli.parser import Parser, add_input_options, add_json_option
 from asglight.cli.printing import print_json
 from asglight.cli.progress import Reporter, reporter
+from asglight.cli.reading import given, read_options
 from asglight.errors import InputError
 from asglight.fitting import paper
 from asglight.fitting.options import LOBES
@@ -192,11 +193,8 @@ def environment(arguments: argparse.Namespace, many: int | None, report: Reporte
     """
     from asglight.images.frame_files import frame_set, ranges
 
-    for name in ("layer", "input_colorspace"):
-        if getattr(arguments, name) is not None:
-            raise InputError(
-                f"--{name.replace('_', '-')}: given without images; expected them as INPUT."
-            )
+    for option in given(read_options(arguments)):
+        raise InputError(f"{option}: given without images; expected them as INPUT.")
     wanted = built_in.FRAMES if many else frame_set(arguments.frames, "frames")
     outside = tuple(sorted(set(wanted) - set(built_in.FRAMES)))
     if outside:
@@ -229,10 +227,12 @@ def command_of(arguments: argparse.Namespace) -> str:
     usual = {"lobes": str(LOBES), "steps": STEPS, "rows": ROWS, "starts": STARTS}
     if arguments.figure == "lobes":
         usual["lobes"] = ",".join(map(str, LOBE_COUNTS))
-    for name in (*usual, "latitude", "frames", "layer", "input_colorspace"):
+    for name in (*usual, "latitude", "frames"):
         value = vars(arguments).get(name)
         if value is not None and value != usual.get(name):
             words += [f"--{name.replace('_', '-')}", str(value)]
+    for option, value in given(read_options(arguments)).items():
+        words += [option, value]
     return shlex.join(words)
 
 

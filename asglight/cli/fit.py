@@ -16,6 +16,7 @@ from asglight.cli.parser import (
 )
 from asglight.cli.printing import counted, duration, frame_range, percent, print_json, size
 from asglight.cli.progress import reporter
+from asglight.cli.reading import read_options
 from asglight.cli.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.errors import InputError
 from asglight.fitting.options import (
@@ -26,6 +27,7 @@ from asglight.fitting.options import (
     Preset,
     form_of,
 )
+from asglight.images.account import image_line
 from asglight.images.frame_files import ranges
 from asglight.images.sequence import Missing
 from asglight.shots import ShotResult, fit_shot
@@ -100,8 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
             frames=arguments.frames,
             fps=arguments.fps,
             missing=arguments.missing,
-            layer=arguments.layer,
-            input_colorspace=arguments.input_colorspace,
+            reading=read_options(arguments),
             stage=StageOptions(**given_stage_options(arguments)),
             names_from=arguments.names_from,
             resume=arguments.resume,
@@ -171,6 +172,7 @@ def as_document(result: ShotResult, output: str) -> dict[str, Any]:
         "seconds": sum(record.seconds for record in result.records),
         "ill_conditioned": condition_of(result.tracks),
         "repairs": repairs_of(list(result.records)),
+        "image": metadata["image"],
         "frames": frames,
     }
 
@@ -190,18 +192,20 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
         lines.append(f"resumed: {counted(document['resumed'], 'frame')} from an earlier run")
     lines += left_out_lines({**document, "lobes": document["fitted_lobes"]})
     lines += condition_lines(document["ill_conditioned"])
-    repaired = repair_line(document["repairs"])
-    return [*lines, repaired] if repaired else lines
+    lines += [image_line(document["image"]), repair_line(document["repairs"])]
+    return [line for line in lines if line]
 
 
 def repair_line(repairs: dict[str, Any]) -> str:
     """Return the repairs of all frames as one line; empty where there were none."""
     clauses = []
     if repairs["frames"]:
+        infinite = repairs.get("infinite_texels", 0)
+        kept = f" and {counted(infinite, 'infinite texel')} taken as the brightest"
         clauses.append(
-            f"{repairs['nonfinite_texels']} NaN/Inf and {repairs['negative_texels']} negative "
-            f"texels set to 0 in {counted(len(repairs['frames']), 'frame')} "
-            f"({ranges(repairs['frames'])})"
+            f"{repairs['nonfinite_texels']} NaN and {repairs['negative_texels']} negative "
+            f"texels set to 0{kept if infinite else ''} in "
+            f"{counted(len(repairs['frames']), 'frame')} ({ranges(repairs['frames'])})"
         )
     if repairs["frames_filled"]:
         filled = repairs["frames_filled"]

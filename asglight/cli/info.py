@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`asglight info`: what a stage holds."""
+"""`asglight info`: what a stage holds; images are image_info.py."""
 
 import argparse
 import math
@@ -12,16 +12,26 @@ import torch
 from asglight.cli.condition import condition_lines, condition_of
 from asglight.cli.fit import repair_line
 from asglight.cli.leaving_out import left_out_lines
-from asglight.cli.parser import add_follow_option, add_json_option, add_rig_option
+from asglight.cli.parser import (
+    add_follow_option,
+    add_input_options,
+    add_json_option,
+    add_rig_option,
+)
 from asglight.cli.printing import counted, frame_range, print_json, size, table
+from asglight.cli.reading import given, read_options
+from asglight.errors import InputError
+from asglight.images.account import image_line, warning_lines
 from asglight.lobes import LobeTracks, asg
 
-EXAMPLE = "asglight info sky.usda"
+EXAMPLE = "asglight info sky.usda\n         asglight info sky.####.exr"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `info`."""
-    parser.add_argument("stage", metavar="STAGE", help="a stage that asglight has written")
+    what = "a stage that asglight has written; or an image, a folder or a pattern of images"
+    parser.add_argument("stage", metavar="INPUT", help=what)
+    add_input_options(parser)
     add_rig_option(parser)
     add_follow_option(parser)
     add_json_option(parser)
@@ -29,6 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read a stage and print what it holds."""
+    from asglight.cli import image_info
+
+    if image_info.is_images(arguments.stage):
+        return image_info.run(arguments)
+    for option in given(read_options(arguments)):
+        raise InputError(f"{option}: given with a stage; expected it with images only.")
     from asglight.usd import read_stage
     from asglight.usd.stage import representation_of
 
@@ -121,8 +137,10 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
     lines += left_out_lines(metadata)
     lines += condition_lines(document["ill_conditioned"])
     lines += part_lines(metadata.get("parts", []))
-    repaired = repair_line(metadata["repairs"]) if "repairs" in metadata else ""
-    return [*lines, repaired] if repaired else lines
+    image = metadata.get("image")
+    lines += [] if image is None else [image_line(image), *warning_lines(image)]
+    lines += [repair_line(metadata["repairs"])] if "repairs" in metadata else []
+    return [line for line in lines if line]
 
 
 def part_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -4,6 +4,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
+from asglight.cli.reading import read_options
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
 
@@ -30,8 +31,7 @@ def open_input(source: str, arguments: argparse.Namespace, height: int = FIT_HEI
         source,
         frames=arguments.frames,
         height=height,
-        layer=arguments.layer,
-        colorspace=arguments.input_colorspace,
+        reading=read_options(arguments),
     )
 
 

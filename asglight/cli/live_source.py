@@ -11,12 +11,13 @@ import signal
 import threading
 import traceback
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
 from asglight.cli import built_in
 from asglight.errors import InputError
+from asglight.images.options import ReadOptions
 
 if TYPE_CHECKING:  # this module starts the process before the viewer loads torch
     import numpy as np
@@ -42,16 +43,14 @@ class LiveJob:
     Attributes:
         frames: Frame numbers, ascending.
         source: Image file, folder or pattern; None for the built-in environment.
-        layer: Layer or part of OpenEXR files; None for the plain image.
-        input_colorspace: Linear space of the images, whatever they state; None for what they do.
+        reading: How the images are read.
         lobes: Number of lobes; None for the usual one.
         fps: Frames per second of the tracks.
     """
 
     frames: tuple[int, ...]
     source: str | None = None
-    layer: str | None = None
-    input_colorspace: str | None = None
+    reading: ReadOptions = field(default_factory=ReadOptions)
     lobes: int | None = None
     fps: float = 24.0
 
@@ -215,7 +214,6 @@ def _reader(job: LiveJob) -> "Callable[[int], Tensor]":
         frames=wanted,
         missing="hold",
         height=FIT_HEIGHT,
-        layer=job.layer,
-        colorspace=job.input_colorspace,
+        reading=job.reading,
     )
     return lambda frame: sequence.read(frame).radiance

@@ -25,7 +25,7 @@ COMMANDS = {
     "fit": "fit lobes to an image or sequence and write them as USD lights",
     "stitch": "join stages of parts of a shot that were fitted apart",
     "eval": "measure the error of a stage against the images it was fitted to",
-    "info": "show what a stage holds",
+    "info": "show what a stage holds, or what is read of images",
     "export": "write lobes for engines (JSON, GLSL) or PhySG and NeRD",
     "import": "make a stage of lights of PhySG or NeRD",
     "view": "show lobes and images in a window, or write a picture of them",

@@ -6,14 +6,16 @@ Rooms are loaded by whoever needs them: `asglight view --help` needs none.
 
 import contextlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from asglight.cli import built_in
 from asglight.cli.live_source import LiveJob, LiveSource
 from asglight.cli.printing import summed_up
+from asglight.cli.reading import given
 from asglight.errors import InputError
+from asglight.images.options import ReadOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,8 +37,7 @@ class Request:
         input: A stage, a folder that holds one, or images; None for the built-in environment.
         reference: Images to compare a stage with.
         frames: Frames of the images to use, such as `1001-1048`; None for all.
-        layer: Layer or part of OpenEXR images; None for the plain image.
-        input_colorspace: Linear space of the images, whatever they state; None for what they do.
+        reading: How the images are read.
         live: Fit the images while they are shown.
         lobes: Number of lobes of that fit; None for the usual one.
         rig: Prim that holds the lobes, of a stage with several.
@@ -45,8 +46,7 @@ class Request:
     input: str | None = None
     reference: str | None = None
     frames: str | None = None
-    layer: str | None = None
-    input_colorspace: str | None = None
+    reading: ReadOptions = field(default_factory=ReadOptions)
     live: bool = False
     lobes: int | None = None
     rig: str | None = None
@@ -116,8 +116,7 @@ def _check(request: Request, stage: Path | None) -> None:
     images = request.reference if stage is not None else request.input
     choosing = {
         "--frames": request.frames,
-        "--layer": request.layer,
-        "--input-colorspace": request.input_colorspace,
+        **given(request.reading),
     }
     if images is None and any(choosing.values()):
         name = next(name for name, value in choosing.items() if value)
@@ -156,8 +155,7 @@ def _stage(stage: Path, request: Request) -> "Session":
             reference = open_reference(
                 request.reference,
                 frames=request.frames,
-                layer=request.layer,
-                colorspace=request.input_colorspace,
+                reading=request.reading,
             )
         on_failure.pop_all()
     if reference is not None:
@@ -201,11 +199,10 @@ def _images(source: str, request: Request) -> "Session":
     from asglight.viewer.source import FixedSource
     from asglight.viewer.state import ViewerState
 
-    space = request.input_colorspace
-    reference = open_reference(source, frames=request.frames, layer=request.layer, colorspace=space)
+    reference = open_reference(source, frames=request.frames, reading=request.reading)
     tracks = no_lobes(reference.timeline, FPS)
     if request.live:
-        job = LiveJob(reference.timeline, source, request.layer, space, request.lobes, FPS)
+        job = LiveJob(reference.timeline, source, request.reading, request.lobes, FPS)
         lobes: TrackSource = LiveSource(job)
     else:
         hint = "shown without lobes: --live fits them now, asglight fit -o STAGE keeps them"

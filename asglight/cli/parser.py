@@ -3,7 +3,9 @@
 
 import argparse
 from fractions import Fraction
-from typing import Any, NoReturn
+from typing import Any, NoReturn, get_args
+
+from asglight.images.options import LOST_MAX, Eye
 
 
 class Parser(argparse.ArgumentParser):
@@ -35,13 +37,26 @@ def add_input_options(parser: argparse.ArgumentParser) -> None:
         "--frames", metavar="RANGE", help="frames, such as 1001-1048 or 1001-1048x2 (default: all)"
     )
     parser.add_argument(
-        "--layer", metavar="NAME", help="layer or part of OpenEXR files (default: the plain image)"
+        "--layer",
+        metavar="NAME",
+        help="layer or part of OpenEXR files (default: the beauty: plain R, G, B, or by its name)",
+    )
+    parser.add_argument(
+        "--eye", choices=get_args(Eye), help="eye of stereo images: views, or halves of the image"
     )
     parser.add_argument(
         "--input-colorspace",
         metavar="NAME",
-        help="linear space of the images, such as ACEScg, whatever they state (default: what they "
-        "state, else Rec.709)",
+        help="colour space of the images, such as ACEScg or sRGB, whatever they state (default: "
+        "what they state, else linear Rec.709)",
+    )
+    parser.add_argument(
+        "--repair",
+        type=float,
+        default=LOST_MAX,
+        metavar="SHARE",
+        help="of a frame's light or texels that may be lost to NaN or negative values, 0 to 1 "
+        "(default: %(default)s; more is an error)",
     )
 
 

@@ -172,7 +172,7 @@ def frame_line(event: FrameDone) -> str:
     if event.repeats is not None:
         line = f"{line}, as frame {event.repeats}"
     # Negative texels are in nearly every frame of some sequences; the summary counts them.
-    if event.repair.filled_from or event.repair.nonfinite:
+    if event.repair.filled_from or event.repair.nonfinite or event.repair.infinite:
         return f"{line}  [{event.repair.sentence()}]"
     return line
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from asglight.cli.opening import Request, opened, opened_in_window
 from asglight.cli.parser import add_follow_option, add_input_options, add_rig_option, one_line
+from asglight.cli.reading import read_options
 from asglight.errors import InputError
 
 EXAMPLE = "asglight view shot.usda --reference sky.####.exr --frame 1001"
@@ -54,8 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
         input=arguments.input,
         reference=arguments.reference,
         frames=arguments.frames,
-        layer=arguments.layer,
-        input_colorspace=arguments.input_colorspace,
+        reading=read_options(arguments),
         live=arguments.live,
         lobes=arguments.lobes,
         rig=arguments.rig,

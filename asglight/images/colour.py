@@ -8,6 +8,7 @@ a statement OpenEXR means Rec.709.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,37 @@ AREA_MIN = 1e-4
 _BRADFORD = ((0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296))
 
 
+@dataclass(frozen=True)
+class ColourSpace:
+    """What the numbers of an image mean, and who says so.
+
+    Attributes:
+        name: As a user is told.
+        said_by: The attribute, line or option that says so; empty where nothing does.
+        chromaticities: Primaries and white of a linear space that is given by numbers.
+        config_name: OpenColorIO's name of a space that is given by name. With neither of the two
+            the numbers are linear Rec.709.
+    """
+
+    name: str
+    said_by: str = ""
+    chromaticities: Chromaticities | None = None
+    config_name: str | None = None
+
+    @property
+    def is_rec709(self) -> bool:
+        """True where nothing has to be converted."""
+        return self.chromaticities is None and self.config_name is None
+
+    def sentence(self) -> str:
+        """Say which space it is, and who says so."""
+        return f"{self.name} ({self.said_by or 'assumed: the file states nothing'})"
+
+
+ASSUMED = ColourSpace("linear Rec.709")
+"""What a file means that states nothing, as OpenEXR has it."""
+
+
 def is_colour_space(chromaticities: Chromaticities) -> bool:
     """Say whether the numbers can be primaries: finite, not on one line, with a white of Y > 0."""
     if not all(map(math.isfinite, chromaticities)) or chromaticities[7] <= 0:
@@ -74,6 +106,11 @@ def to_rec709(chromaticities: Chromaticities) -> NDArray[np.float64]:
     gain = (bradford @ target.sum(axis=1)) / (bradford @ source.sum(axis=1))
     adapt = np.linalg.solve(bradford, gain[:, None] * bradford)
     return np.linalg.solve(target, adapt @ source)
+
+
+def luminance_weights(chromaticities: Chromaticities) -> NDArray[np.float64]:
+    """Return how much red, green and blue of 1 add to a luminance of 1 of their white.  [3]."""
+    return _to_xyz(chromaticities)[1]
 
 
 def _to_xyz(chromaticities: Chromaticities) -> NDArray[np.float64]:

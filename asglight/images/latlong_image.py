@@ -8,15 +8,19 @@ import torch
 from torch import Tensor
 
 from asglight.errors import InputError
-from asglight.images import colour, ocio
 from asglight.images.decoding import decode
 from asglight.images.decoding.decoders import HERE, Decoder
+from asglight.images.loss import check_loss
 from asglight.images.message import shown
+from asglight.images.options import ReadOptions
 from asglight.images.repair import Repair
 
 # What an image of some other width : height usually is.
 _SHAPES = {
-    (1, 1): "an angular map, a mirror ball or one face of a cube",
+    (
+        1,
+        1,
+    ): "an angular map, a mirror ball or one face of a cube, or stereo, one eye over the other",
     (4, 3): "a cube cross",
     (3, 4): "a cube cross",
     (6, 1): "a strip of cube faces",
@@ -24,7 +28,7 @@ _SHAPES = {
     (1, 2): "a latlong turned by 90 degrees",
     (16, 9): "a camera plate",
     (3, 2): "a photograph",
-    (4, 1): "only half of the sphere",
+    (4, 1): "stereo, one eye beside the other, or only half of the sphere",
 }
 
 
@@ -34,77 +38,83 @@ class LatlongImage:
 
     Attributes:
         radiance: Linear Rec.709, finite and >= 0, row 0 = +Y.  [H, W, 3] float32
-        path: The file it was read from.
+        header: What the file says of it, and what was made of that.
         source_shape: Rows and columns in the file, before any reduction.
         repair: What was changed before use.
-        converted_from: Name of the file's primaries where they were not Rec.709.
     """
 
     radiance: Tensor
-    path: Path
+    header: decode.Header
     source_shape: tuple[int, int]
     repair: Repair
-    converted_from: str | None = None
+
+    @property
+    def path(self) -> Path:
+        """Return the file it was read from."""
+        return self.header.path
+
+    @property
+    def converted_from(self) -> str | None:
+        """Return the name of the file's space where it was not linear Rec.709."""
+        return None if self.header.colour.is_rec709 else self.header.colour.name
 
 
 def read_latlong(
     path: str | Path,
     *,
     height: int | None = None,
-    layer: str | None = None,
-    colorspace: str | None = None,
+    reading: ReadOptions = ReadOptions(),  # noqa: B008  frozen, so one default serves all calls
     decoder: Decoder = HERE,
 ) -> LatlongImage:
-    """Read an OpenEXR or Radiance .hdr file of any resolution as radiance.
+    """Read an image file of any resolution as radiance.
 
-    Negative and non-finite values become 0 first, at full resolution; then the image is averaged
-    down by solid angle. A smaller image is never enlarged. Primaries stated by an OpenEXR file are
-    converted to Rec.709; the EXPOSURE and PRIMARIES lines of a Radiance file are not applied.
+    What is no light is repaired first, at full resolution; then the image is averaged down by solid
+    angle. A smaller image is never enlarged. Colours are converted to linear Rec.709 from what the
+    file states or the user says.
 
     Args:
-        path: The file.
+        path: The file: OpenEXR, Radiance, TIFF or PFM of floats; others with a space of colours.
         height: Rows of the result, of 2 * height columns; None keeps the file's.
-        layer: Layer or part of an OpenEXR file; None takes the plain R, G, B, else the only layer.
-        colorspace: Linear space of the file's colours, by a name that OpenColorIO knows, whatever
-            the file states; None for what it states, or Rec.709.
+        reading: Which of its images is read, in which colours, and how much of it may be lost.
         decoder: Where the file is decoded: in this process, or apart from it.
 
     Raises:
-        InputError: The file cannot be read, or is not a 2:1 image; or there is no such space.
+        DamagedError: The file cannot be decoded, or lost too much of its light.
+        InputError: It is not a 2:1 image, or states what cannot be followed.
     """
     check_height(height)
-    header = read_header(Path(path), layer, decoder)
-    source = header.chromaticities if colorspace is None else _chromaticities(colorspace)
-    matrix = None if source is None else colour.to_rec709(source)
+    reading.check()
+    header = read_header(Path(path), reading, decoder)
     size = (header.height, header.width)
     rows = header.height if height is None else min(height, header.height)
-    values, tally = decoder.pixels(header, rows, matrix)
+    values, tally = decoder.pixels(header, rows)
+    account = tally.account(values)
+    check_loss(
+        header.path,
+        account,
+        header.height * header.width,
+        reading.repair,
+        is_converted=not header.colour.is_rec709,
+    )
     return LatlongImage(
         radiance=torch.from_numpy(values),
-        path=header.path,
+        header=header,
         source_shape=size,
-        repair=tally.account(values),
-        converted_from=None if source is None else colour.name_of(source),
+        repair=account,
     )
 
 
-def check_colorspace(colorspace: str | None) -> None:
-    """Refuse a space that is not linear, or that nobody knows."""
-    if colorspace is not None:
-        _chromaticities(colorspace)
-
-
-def _chromaticities(colorspace: str) -> colour.Chromaticities | None:
-    return ocio.chromaticities(ocio.interop_id(colorspace, "input colorspace"))
-
-
-def read_header(path: Path, layer: str | None = None, decoder: Decoder = HERE) -> decode.Header:
+def read_header(
+    path: Path,
+    reading: ReadOptions = ReadOptions(),  # noqa: B008
+    decoder: Decoder = HERE,
+) -> decode.Header:
     """Read the header of a file and make sure that it is a latlong.
 
     Raises:
         InputError: The file cannot be read, or is not a 2:1 image.
     """
-    header = decoder.header(path, layer)
+    header = decoder.header(path, reading)
     if header.width != 2 * header.height:
         raise InputError(
             f"{shown(path)}: is {header.width} x {header.height}; expected a 2:1 latlong. "
@@ -124,7 +134,10 @@ def _guess(width: int, height: int) -> str:
     for (across, down), name in _SHAPES.items():
         # 1 %: cameras and encoders pad to multiples of 16 (1088 rows for 1080).
         if abs(width * down / (height * across) - 1) <= 0.01:
-            return f"It is {across}:{down}: probably {name}. Convert it to latlong first."
+            way = "Convert it to latlong first"
+            if "stereo" in name:
+                way += ", or, if it is stereo, take one eye with --eye left or --eye right"
+            return f"It is {across}:{down}: probably {name}. {way}."
     # Within 2 % it is a latlong that lost or gained a few rows or columns.
     if abs(width / (2 * height) - 1) <= 0.02:
         return "It is almost 2:1: probably a latlong that was cropped or padded. Resize it."

@@ -2,8 +2,11 @@
 """The repair of an image: negative and non-finite values set to 0, and the account of it.
 
 Resampling with a sharp filter leaves negative texels beside bright lamps, and renderers leave
-NaN and Inf. A light can have neither, so both become 0 before anything is averaged or fitted.
+NaN. A light can have neither, so both become 0 before anything is averaged or fitted.
 The account says how many texels that concerns and how much light the negatives carried.
+
+What is +inf is light, and has been replaced before (infinite.py). A frame that lost too much to be
+the one that was meant is refused (loss.py).
 
 Only the channels at fault become 0, so a slightly negative blue costs neither red nor green.
 Non-finite values go before the conversion of primaries, which would spread them to all three
@@ -17,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from asglight.images.infinite import HALF_MAX
 from asglight.sphere.overlaps import row_solid_angles
 
 
@@ -26,13 +30,14 @@ class Repair:
 
     Attributes:
         negative: Finite texels with at least one negative channel.
-        nonfinite: Texels with at least one NaN or infinite channel.
+        nonfinite: Texels with at least one channel that is NaN or -inf.
         negative_flux_ratio: Flux of the negative values over the flux of the positive ones, both
             taken positive; infinite where nothing is positive.
         first: Row and column of the first non-finite texel, in the file's own grid.
         filled_from: Frames that stand in for a missing or damaged one: one frame held, or the two
             it lies between. Empty for a frame that is there.
         fault: What the frame is that others stand in for: `missing`, or how its file is damaged.
+        infinite: Texels with at least one channel that was +inf.
     """
 
     negative: int = 0
@@ -41,11 +46,12 @@ class Repair:
     first: tuple[int, int] | None = None
     filled_from: tuple[int, ...] = ()
     fault: str = ""
+    infinite: int = 0
 
     @property
     def texels(self) -> int:
         """Return how many texels were changed."""
-        return self.negative + self.nonfinite
+        return self.negative + self.nonfinite + self.infinite
 
     @property
     def is_clean(self) -> bool:
@@ -54,8 +60,8 @@ class Repair:
 
     def sentence(self) -> str:
         """Say in one line what was changed."""
-        clauses = [clause for clause in (self._filling(), self._zeroing()) if clause]
-        return "; ".join(clauses) or "nothing repaired"
+        clauses = (self._filling(), self._zeroing(), self._keeping())
+        return "; ".join(filter(None, clauses)) or "nothing repaired"
 
     def _filling(self) -> str:
         if not self.filled_from:
@@ -64,15 +70,22 @@ class Repair:
             return f"frame {self.fault}, held from {self.filled_from[0]}"
         return "frame {}, interpolated between {} and {}".format(self.fault, *self.filled_from)
 
+    def _keeping(self) -> str:
+        if not self.infinite:
+            return ""
+        noun = "texel" if self.infinite == 1 else "texels"
+        return f"{self.infinite} infinite {noun} taken as {HALF_MAX:g}, or as the light around"
+
     def _zeroing(self) -> str:
-        if not self.texels:
+        at_zero = self.negative + self.nonfinite
+        if not at_zero:
             return ""
         kinds = [
             f"{count} {kind}"
-            for count, kind in ((self.nonfinite, "NaN/Inf"), (self.negative, "negative"))
+            for count, kind in ((self.nonfinite, "NaN"), (self.negative, "negative"))
             if count
         ]
-        noun = "texel" if self.texels == 1 else "texels"
+        noun = "texel" if at_zero == 1 else "texels"
         clause = f"{' and '.join(kinds)} {noun} set to 0"
         if not self.negative:
             return clause
@@ -87,6 +100,7 @@ class Repair:
             nonfinite=self.nonfinite + other.nonfinite,
             negative_flux_ratio=max(self.negative_flux_ratio, other.negative_flux_ratio),
             first=self.first or other.first,
+            infinite=self.infinite + other.infinite,
         )
 
 
@@ -96,15 +110,17 @@ class Tally:
 
     Attributes:
         negative: Finite texels with at least one negative channel.
-        nonfinite: Texels with at least one NaN or infinite channel.
+        nonfinite: Texels with at least one channel that is NaN or -inf.
         below: Flux of the negative values, taken positive.
-        first: Row and column of the first non-finite texel.
+        first: Row and column of the first texel of `nonfinite`.
+        infinite: Texels with at least one channel that was +inf.
     """
 
     negative: int = 0
     nonfinite: int = 0
     below: float = 0.0
     first: tuple[int, int] | None = None
+    infinite: int = 0
 
     def __add__(self, after: "Tally") -> "Tally":
         """Return what was changed in these rows and in some that follow them."""
@@ -113,6 +129,7 @@ class Tally:
             self.nonfinite + after.nonfinite,
             self.below + after.below,
             self.first or after.first,
+            self.infinite + after.infinite,
         )
 
     def account(self, repaired: NDArray[np.float32]) -> Repair:
@@ -128,7 +145,7 @@ class Tally:
             # Summed in float64: a float32 map may hold values whose sum overflows.
             above = float(solid_angles @ repaired.sum(axis=(1, 2), dtype=np.float64))
             ratio = self.below / above if above else math.inf
-        return Repair(self.negative, self.nonfinite, ratio, self.first)
+        return Repair(self.negative, self.nonfinite, ratio, self.first, infinite=self.infinite)
 
 
 def repair_rows(

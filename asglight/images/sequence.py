@@ -10,24 +10,25 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
 
 from asglight.errors import InputError
 from asglight.images import frame_files
-from asglight.images.decoding.decode import DamagedError
+from asglight.images.decoding.decode import DamagedError, Header
 from asglight.images.decoding.decoders import APART
 from asglight.images.frame_files import FrameFiles, frame_set, ranges
 from asglight.images.latlong_image import (
     LatlongImage,
-    check_colorspace,
     check_height,
     read_header,
     read_latlong,
 )
+from asglight.images.likeness import check_same
 from asglight.images.message import shown
+from asglight.images.options import ReadOptions
 
 # Over an hour at 24 frames a second; beyond it a number in a file name is a date, not a frame.
 FRAMES_MAX = 100_000
@@ -49,8 +50,7 @@ class Sequence:
         missing: What stands in for them: the frame before (`hold`) or the neighbours' mean by
             distance in time, in radiance (`interpolate`). At either end the nearest frame is held.
         height: Rows that larger images are reduced to; None keeps their size.
-        layer: Layer or part to read; None for the plain image.
-        colorspace: Linear space of the colours, whatever the files state; None for what they do.
+        reading: Which image of each file is read, in which colours, and how much may be lost.
     """
 
     source: FrameFiles
@@ -58,8 +58,7 @@ class Sequence:
     missing_frames: tuple[int, ...] = ()
     missing: Missing = "error"
     height: int | None = None
-    layer: str | None = None
-    colorspace: str | None = None
+    reading: ReadOptions = field(default_factory=ReadOptions)
 
     @property
     def name(self) -> str:
@@ -155,42 +154,44 @@ class Sequence:
         return (existing[after - 1], existing[after])
 
     def _read_file(self, frame: int) -> LatlongImage:
-        path = self.source.files[frame]
         try:
             image = read_latlong(
-                path,
-                height=self.height,
-                layer=self.layer,
-                colorspace=self.colorspace,
-                decoder=APART,
+                self.source.files[frame], height=self.height, reading=self.named, decoder=APART
             )
         except DamagedError as error:
             error.frame = frame
             raise
-        height, width = image.radiance.shape[:2]
-        first, rows = self._model
-        if height != rows:
-            raise InputError(
-                f"{shown(path)}: frame {frame} is {width} x {height}; expected "
-                f"{2 * rows} x {rows} as frame {first} is. "
-                "Render or resize it to match."
-            )
+        check_same(image.header, frame, self.model, self.first, self.height)
         return image
 
+    @property
+    def model(self) -> Header:
+        """Return the header of the first frame that can be read, which all others have to match."""
+        return self._model[1]
+
+    @property
+    def first(self) -> int:
+        """Return the number of that frame."""
+        return self._model[0]
+
+    @property
+    def named(self) -> ReadOptions:
+        """Return how every frame is read: what the first one's image is called is read of all."""
+        name = self.reading.layer or next(iter(self.model.layer.names), None)
+        return replace(self.reading, layer=name)
+
     @cached_property
-    def _model(self) -> tuple[int, int]:
-        """Return the first frame whose header can be read, and the rows that all must have."""
+    def _model(self) -> tuple[int, Header]:
+        """Return the first frame whose header can be read, and that header."""
         first = self._read_from(self.frames[0])[0]
         candidates = [first, *(frame for frame in self.source.files if frame > first)]
         for frame in candidates:
             try:
-                rows = read_header(self.source.files[frame], self.layer, APART).height
+                return frame, read_header(self.source.files[frame], self.reading, APART)
             except DamagedError as error:
                 if self.missing == "error" or frame == candidates[-1]:
                     error.frame = frame
                     raise
-            else:
-                return frame, rows if self.height is None else min(rows, self.height)
         raise AssertionError(candidates)
 
 
@@ -200,8 +201,7 @@ def open_sequence(
     frames: str | None = None,
     missing: Missing = "error",
     height: int | None = None,
-    layer: str | None = None,
-    colorspace: str | None = None,
+    reading: ReadOptions = ReadOptions(),  # noqa: B008  frozen, so one default serves all calls
 ) -> Sequence:
     """Find the frames of a still, a folder or a pattern; read none of them.
 
@@ -215,15 +215,13 @@ def open_sequence(
         frames: Frames to use, such as `1001-1048`, `1001-1048x2` or `5,7,9`.
         missing: `error`, or what stands in for a missing frame: `hold` or `interpolate`.
         height: Rows that larger images are reduced to; None keeps their size.
-        layer: Layer or part of OpenEXR files; None takes the plain R, G, B, else the only layer.
-        colorspace: Linear space of the colours, by a name that OpenColorIO knows, whatever the
-            files state; None for what they state, or Rec.709.
+        reading: Which image of each file is read, in which colours, and how much may be lost.
 
     Raises:
         InputError: Nothing is there, or it is not one sequence, or frames are missing.
     """
     check_height(height)
-    check_colorspace(colorspace)
+    reading.check()
     if missing not in get_args(Missing):
         raise InputError(
             f"missing: {shown(missing)}; expected one of {', '.join(get_args(Missing))}."
@@ -242,7 +240,7 @@ def open_sequence(
             f"{found.name}: {count} ({ranges(absent)}); expected every frame of "
             f"{_span(wanted)}. Use --missing hold or --missing interpolate."
         )
-    return Sequence(found, wanted, absent, missing, height, layer, colorspace)
+    return Sequence(found, wanted, absent, missing, height, reading)
 
 
 def _wanted(found: FrameFiles, frames: str | None) -> tuple[int, ...]:

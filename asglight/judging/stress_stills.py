@@ -155,8 +155,18 @@ def _speckled() -> Tensor:
 
 BROKEN = (
     _broken("speckled", "NaN, Inf and negative texels in sun and sky", _speckled),
-    _broken("all-nan", "NaN everywhere", lambda: maps.constant(math.nan)),
-    _broken("all-negative", "-1 everywhere", lambda: maps.constant(-1.0)),
+    _broken(
+        "all-nan",
+        "NaN everywhere",
+        lambda: maps.constant(math.nan),
+        refused="holds nothing but NaN",
+    ),
+    _broken(
+        "all-negative",
+        "-1 everywhere",
+        lambda: maps.constant(-1.0),
+        refused="nothing above 0",
+    ),
     _broken(
         "float-max",
         "a texel of 3.4e38",

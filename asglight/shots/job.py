@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT, FORM_NAMES, FitOptions, Preset, form_of
 from asglight.images import Sequence, open_sequence
+from asglight.images.account import read_as, warning_lines
 from asglight.images.message import shown
+from asglight.images.options import LOST_MAX, Eye, ReadOptions
 from asglight.images.sequence import Missing
 from asglight.lobes import Form, LobeTracks
 from asglight.lobes.naming import named_as
@@ -63,8 +65,7 @@ def fit_shot(
     frames: str | None = None,
     fps: float = 24.0,
     missing: Missing = "error",
-    layer: str | None = None,
-    input_colorspace: str | None = None,
+    reading: ReadOptions = ReadOptions(),  # noqa: B008  frozen as well
     stage: StageOptions = StageOptions(),  # noqa: B008  frozen as well
     names_from: str | Path | None = None,
     resume: bool = False,
@@ -85,8 +86,7 @@ def fit_shot(
         frames: Frames to use, such as `1001-1048`; None for all.
         fps: Frames per second.
         missing: `error`, or what stands in for a missing or damaged frame: `hold` or `interpolate`.
-        layer: Layer or part of OpenEXR files; None for the plain image.
-        input_colorspace: Linear space of the images, whatever they state; None for what they do.
+        reading: How the images are read.
         stage: How the stage is written.
         names_from: A stage of an earlier fit, whose names its lights keep; None for the one that
             is written anew, if there is one.
@@ -108,11 +108,12 @@ def fit_shot(
         frames=frames,
         missing=missing,
         height=FIT_HEIGHT,
-        layer=layer,
-        colorspace=input_colorspace,
+        reading=reading,
     )
     check_preroll(options, sequence.frames[0])
     options = options.settled(len(sequence.frames))
+    for warning in warning_lines(read_as(sequence.model)):
+        on_progress(Notice(f"{shown(sequence.pattern)}: {warning}"))
     header = header_of(settings_of(sequence, options, fps))
     path = output.with_name(output.name + SUFFIX)
     frames_path = output.with_name(output.name + FRAMES_SUFFIX)
@@ -149,7 +150,9 @@ def fit_sequence(
     fps: float = 24.0,
     missing: Missing = "error",
     layer: str | None = None,
+    eye: Eye | None = None,
     input_colorspace: str | None = None,
+    repair: float = LOST_MAX,
     tolerance: float | None = None,
     max_lobes: int | None = None,
     on_progress: OnProgress = ignore,
@@ -171,8 +174,10 @@ def fit_sequence(
         frames: Frames to use, such as `1001-1048`; None for all.
         fps: Frames per second.
         missing: `error`, or what stands in for a missing or damaged frame: `hold` or `interpolate`.
-        layer: Layer or part of OpenEXR files; None for the plain image.
-        input_colorspace: Linear space of the images, whatever they state; None for what they do.
+        layer: Layer or part of OpenEXR files; None for the beauty.
+        eye: Eye of stereo images: `left` or `right`.
+        input_colorspace: Space of the colours, whatever the images state; None for what they do.
+        repair: Share of a frame's light or texels that may be lost to values that are no light.
         tolerance: In place of `lobes`: the fewest with which irr and r0.5 of every frame stay at or
             below this.
         max_lobes: With a tolerance, lobes at most (None: 30).
@@ -197,8 +202,7 @@ def fit_sequence(
         frames=frames,
         missing=missing,
         height=FIT_HEIGHT,
-        layer=layer,
-        colorspace=input_colorspace,
+        reading=ReadOptions(layer, eye, input_colorspace, repair),
     )
     options = options.settled(len(sequence.frames))
     with KeptFrames(sequence, is_needed=is_read_again(options)) as images:

@@ -111,6 +111,7 @@ def _repair(values: dict[str, Any]) -> Repair:
     return Repair(
         negative=whole(values["negative"]),
         nonfinite=whole(values["nonfinite"]),
+        infinite=whole(values["infinite"]),
         negative_flux_ratio=number(values["negative_flux_ratio"]),
         first=first,
         filled_from=tuple(map(whole, values["filled_from"])),

@@ -107,8 +107,7 @@ def settings_of(sequence: Sequence, options: FitOptions, fps: float) -> dict[str
     return {
         "asglight": __version__,
         "source": os.path.abspath(sequence.pattern),
-        "layer": sequence.layer,
-        "input_colorspace": sequence.colorspace,
+        **sequence.reading.as_json(),
         "missing": sequence.missing,
         "height": sequence.height,
         "frames": list(sequence.frames),

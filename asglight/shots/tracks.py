@@ -15,6 +15,7 @@ from asglight import __version__
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.temporal import waiting
 from asglight.images import Sequence
+from asglight.images.account import read_as
 from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
 from asglight.lobes.frames import continuous
@@ -54,8 +55,8 @@ def tracks_from(
     metadata = {
         "asglight": __version__,
         "source": Path(sequence.pattern).name,
-        "layer": sequence.layer,
-        "input_colorspace": sequence.colorspace,
+        **sequence.reading.as_json(),
+        "image": read_as(sequence.model),
         "missing": sequence.missing,
         **options_as_json(options),
         **measured,
@@ -93,7 +94,7 @@ def repairs_of(records: list[FrameRecord]) -> dict[str, Any]:
     """Sum the repairs of all frames.
 
     Returns:
-        Numbers of negative and of non-finite texels, and the frames concerned: those with such
+        Numbers of negative, NaN and infinite texels, and the frames concerned: those with such
         texels, and those without a file that others stand in for. The texels of a frame that stands
         in for another count once.
     """
@@ -101,6 +102,7 @@ def repairs_of(records: list[FrameRecord]) -> dict[str, Any]:
     return {
         "negative_texels": sum(record.repair.negative for record in found),
         "nonfinite_texels": sum(record.repair.nonfinite for record in found),
+        "infinite_texels": sum(record.repair.infinite for record in found),
         "frames": [record.frame for record in found if record.repair.texels],
         "frames_filled": [record.frame for record in records if record.repair.filled_from],
     }

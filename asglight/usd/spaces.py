@@ -70,6 +70,7 @@ def in_colorspace(lobes: Lobes, source: str, target: str) -> Lobes:
     """Return lobes with their amplitudes in another space, by Color Interop ID.  [..., N, .]."""
     if source == target:
         return lobes
-    amplitude = lobes.amplitude.double() @ ocio.matrix(source, target).to(lobes.amplitude.device).T
+    matrix = torch.from_numpy(ocio.matrix(source, target))
+    amplitude = lobes.amplitude.double() @ matrix.to(lobes.amplitude.device).T
     # a component of 0 comes back as a rounding below it
     return replace(lobes, amplitude=amplitude.clamp(min=0).to(lobes.amplitude.dtype))

@@ -7,6 +7,7 @@ import numpy as np
 
 from asglight.images import open_sequence
 from asglight.images.frame_files import ranges
+from asglight.images.options import ReadOptions
 from asglight.viewer.prefetch import FrameCache
 
 HEIGHT_MAX = 1024
@@ -95,8 +96,7 @@ def open_reference(
     source: str,
     *,
     frames: str | None = None,
-    layer: str | None = None,
-    colorspace: str | None = None,
+    reading: ReadOptions = ReadOptions(),  # noqa: B008  frozen, so one default serves all calls
 ) -> Reference:
     """Open a file, a folder or a pattern; images are read when they are wanted.
 
@@ -105,8 +105,7 @@ def open_reference(
     Args:
         source: A file; a folder that holds one image or one sequence; or a pattern.
         frames: Frames to use, such as `1001-1048`; None for all.
-        layer: Layer or part of OpenEXR files; None for the plain image.
-        colorspace: Linear space of the images, whatever they state; None for what they do.
+        reading: How the images are read.
 
     Raises:
         InputError: Nothing is there, or it is not one sequence.
@@ -117,8 +116,7 @@ def open_reference(
         frames=frames,
         missing="hold",
         height=HEIGHT_MAX,
-        layer=layer,
-        colorspace=colorspace,
+        reading=reading,
     )
     existing = [frame for frame in sequence.frames if frame not in sequence.missing_frames]
 

@@ -79,7 +79,7 @@ def test_repairs_and_filled_frames_are_told(
     assert main(["fit", str(source), "-o", stage, "--lobes", "2", "--missing", "hold"]) == 0
     out, err = capsys.readouterr()
     assert out.splitlines()[-1] == (
-        "repaired: 1 NaN/Inf and 1 negative texels set to 0 in 1 frame (1002); "
+        "repaired: 1 NaN and 1 negative texels set to 0 in 1 frame (1002); "
         "1 missing or damaged frame filled (1003)"
     )
     assert "frame missing, held from 1002" in err

@@ -14,6 +14,7 @@ import torch
 from asglight.cli import built_in
 from asglight.cli.opening import Request, opened, stage_of
 from asglight.errors import InputError
+from asglight.images.options import ReadOptions
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import stack
 from asglight.usd import write_usd
@@ -132,8 +133,14 @@ def test_nothing_given_is_the_built_in_environment_and_its_fit(start: Open) -> N
         ({"input": "in", "live": True, "lobes": 0}, "--lobes: 0; expected 1 to 128."),
         ({"lobes": 129}, "--lobes: 129; expected 1 to 128."),
         ({"frames": "1-2"}, "--frames: given without images to choose from; expected them as"),
-        ({"input": "shot.usda", "layer": "a"}, "--layer: given without images to choose from;"),
-        ({"input_colorspace": "ACEScg"}, "--input-colorspace: given without images to choose"),
+        (
+            {"input": "shot.usda", "reading": ReadOptions(layer="a")},
+            "--layer: given without images to choose from;",
+        ),
+        (
+            {"reading": ReadOptions(colorspace="ACEScg")},
+            "--input-colorspace: given without images to choose",
+        ),
         ({"input": "nowhere.usda"}, "nowhere.usda"),
         ({"input": "nowhere.exr", "live": True}, "nowhere.exr: is not there; expected a file"),
     ],

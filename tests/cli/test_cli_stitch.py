@@ -84,7 +84,7 @@ def test_parts_become_one_stage(
     first, *rest = capsys.readouterr().out.splitlines()
     assert first.startswith(f"{output}: 3 lobes, 12 frames (1001-1012) at 24 fps, ")
     assert first.endswith(", from 3 parts")
-    repaired = "repaired: 1 NaN/Inf and 2 negative texels set to 0 in 1 frame (1001)"
+    repaired = "repaired: 1 NaN and 2 negative texels set to 0 in 1 frame (1001)"
     assert rest[:2] == ["part part.1.usda: 1001-1006, 3 lobes", f"part part.1.usda: {repaired}"]
     assert usd_tracks.contents(here) == before
     tracks = read_usd(output)

@@ -22,6 +22,7 @@ from asglight.images.decoding.apart import Apart, ApartError
 from asglight.images.decoding.decode import DamagedError, read_header
 from asglight.images.decoding.decoders import APART, Elsewhere
 from asglight.images.decoding.decoding_process import from_json, to_json
+from asglight.images.options import ReadOptions
 
 ELSEWHERE = Elsewhere()
 
@@ -35,7 +36,7 @@ def pid_of(decoder: Elsewhere) -> int:
 def idle_decoder(path: Path) -> Elsewhere:
     """Return a decoder whose one process waits."""
     decoder = Elsewhere()
-    decoder.header(path, None)
+    decoder.header(path, ReadOptions())
     return decoder
 
 
@@ -147,7 +148,8 @@ def test_the_process_ends_when_its_owner_is_killed(tmp_path: Path) -> None:
     code = (
         "import sys, os, signal\nfrom pathlib import Path\n"
         "from asglight.images.decoding.decoders import APART\n"
-        f"APART.header(Path({str(path)!r}), None)\n"
+        "from asglight.images.options import ReadOptions\n"
+        f"APART.header(Path({str(path)!r}), ReadOptions())\n"
         "print(APART._idle[0]._process.pid, flush=True)\nos.kill(os.getpid(), signal.SIGKILL)"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -260,7 +262,7 @@ def test_sequences_are_read_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     asked = []
     header = APART.header
     monkeypatch.setattr(
-        APART, "header", lambda path, layer: asked.append(path) or header(path, layer)
+        APART, "header", lambda path, reading: asked.append(path) or header(path, reading)
     )
     damaged_sequence(tmp_path, {}).read(2)
     assert {path.name for path in asked} == {"a.1.exr", "a.2.exr"}

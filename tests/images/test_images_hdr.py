@@ -26,13 +26,6 @@ def test_zero_exponent_is_black(tmp_path: Path) -> None:
     assert not read_latlong(path).radiance.any()
 
 
-def test_exposure_line_leaves_the_values_as_stored(tmp_path: Path) -> None:
-    pixels, expected = image_files.rgbe()
-    path = tmp_path / "a.hdr"
-    path.write_bytes(image_files.hdr_bytes(pixels, size="-Y 4 +X 8", extra="EXPOSURE=4.0\n"))
-    np.testing.assert_array_equal(read_latlong(path).radiance.numpy(), expected)
-
-
 @pytest.mark.parametrize("columns", ["+X", "-X"])
 @pytest.mark.parametrize("rows", ["-Y", "+Y"])
 @pytest.mark.parametrize("by_columns", [False, True])

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from asglight.errors import InputError
 from asglight.images import open_sequence
 from asglight.images.frame_files import frame_set, ranges
+from asglight.images.options import ReadOptions
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 
@@ -226,7 +227,7 @@ def test_frame_between_the_chosen_ones_still_stands_in(tmp_path: Path) -> None:
 
 def test_interpolated_frame_reports_the_repairs_of_both_neighbours(tmp_path: Path) -> None:
     for frame in (1, 3):
-        values = np.ones((2, 4, 3), dtype=np.float32)
+        values = np.ones((4, 8, 3), dtype=np.float32)
         values[0, :frame] = np.nan
         image_files.write_rgb(tmp_path / f"sky.{frame:04d}.exr", values)
     sequence = open_sequence(tmp_path, frames="1-3", missing="interpolate")
@@ -277,7 +278,7 @@ def test_layer_is_handed_on(tmp_path: Path) -> None:
     values = image_files.ramp(2, 4)
     channels = {f"{p}.{c}": values[..., i].copy() for i, c in enumerate("RGB") for p in "ab"}
     image_files.write(tmp_path / "sky.0001.exr", channels)
-    image = open_sequence(tmp_path, layer="b").read(1)
+    image = open_sequence(tmp_path, reading=ReadOptions("b")).read(1)
     np.testing.assert_array_equal(image.radiance.numpy(), values)
 
 

@@ -73,7 +73,7 @@ def test_the_metadata_is_json_and_holds_no_time_and_no_absolute_path(
 def test_repairs_are_summed_once_and_their_frames_named() -> None:
     records = [
         shot_files.record(1, repair=Repair(negative=5)),
-        shot_files.record(2, repair=Repair()),
+        shot_files.record(2, repair=Repair(infinite=4)),
         shot_files.record(3, repair=Repair(nonfinite=2, negative=1)),
         shot_files.record(4, repair=Repair(nonfinite=2, negative=1, filled_from=(3,))),
         shot_files.record(5, repair=Repair(filled_from=(3, 6))),
@@ -81,6 +81,7 @@ def test_repairs_are_summed_once_and_their_frames_named() -> None:
     assert repairs_of(records) == {
         "negative_texels": 6,
         "nonfinite_texels": 2,
-        "frames": [1, 3],
+        "infinite_texels": 4,
+        "frames": [1, 2, 3],
         "frames_filled": [4, 5],
     }

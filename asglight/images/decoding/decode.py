@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decoding OpenEXR and Radiance files, through OpenImageIO, with every fault in one line.
+"""Decoding OpenEXR, Radiance and other files, through OpenImageIO, with every fault in one line.
 
 OpenImageIO decodes each OpenEXR compression, stops with a reason at missing or damaged chunks
 instead of leaving zeros, and leaves standard output alone, except for notes of its HTJ2K decoder
@@ -7,11 +7,8 @@ on damaged files. The header is read apart from the pixels, so that an image of 
 of an incredible size is refused before anything is decoded (strips.py).
 
 The OpenEXR that decodes is the one inside OpenImageIO, or, in a process of its own and twice as
-fast, the package OpenEXR (exr_chunks.py).
-
-Radiance files are taken as Rec.709 and as they are stored: OpenImageIO does not divide by the
-EXPOSURE line, nor do most programs, and asglight's radiance is relative. The orientation line is
-followed.
+fast, the package OpenEXR (exr_chunks.py), which also reads subsampled channels
+(luminance_chroma.py). What a file states of its colours is stated.py.
 """
 
 import functools
@@ -25,10 +22,10 @@ from pathlib import Path
 import OpenImageIO
 
 from asglight.errors import InputError
-from asglight.images import colour
-from asglight.images.colour import Chromaticities
-from asglight.images.decoding import layers
+from asglight.images.colour import ColourSpace
+from asglight.images.decoding import facts, layers, luminance_chroma, radiance, stated
 from asglight.images.message import compressed, shown
+from asglight.images.options import ReadOptions
 
 # 32768 x 16384 is four times the largest map in circulation, and 6.4 GB as float32.
 SIZE_MAX = 32768
@@ -38,19 +35,26 @@ TEXELS_TRUSTED = 16384 * 8192
 TEXELS_A_BYTE_MAX = 1000
 # Before it, damaged files could write beyond the decoder's memory (CVE-2026-40250 and others).
 OPENEXR_MIN = (3, 4, 10)
-# Radiance headers are a few lines; each program that touched the file adds one.
-HEADER_MAX = 65536
-
-_KINDS = {b"\x76\x2f\x31\x01": "openexr", b"#?RADIANCE": "hdr", b"#?RGBE": "hdr"}
+_KINDS = {
+    b"\x76\x2f\x31\x01": "openexr",
+    radiance.MAGIC: "hdr",
+    b"PF\n": "pnm",
+    b"II*\0": "tiff",
+    b"MM\0*": "tiff",
+    b"II+\0": "tiff",
+    b"MM\0+": "tiff",
+    b"\x89PNG": "png",
+    b"\xff\xd8\xff": "jpeg",
+    b"RIFF": "webp",
+}
 _OTHERS = {
-    b"\x89PNG": "a PNG image",
-    b"\xff\xd8\xff": "a JPEG image",
-    b"II*\0": "a TIFF image",
-    b"MM\0*": "a TIFF image",
     b"SDPX": "a DPX image",
     b"XPDS": "a DPX image",
-    b"PF\n": "a PFM image",
-    b"RIFF": "a WebP or other RIFF file",
+    b"GIF8": "a GIF image",
+    b"BM": "a BMP image",
+    b"8BPS": "a Photoshop image",
+    b"\xff\x0a": "a JPEG XL image",
+    b"\0\0\0\x0cJXL ": "a JPEG XL image",
     b"\x1f\x8b": "a gzip archive",
     b"PK\x03\x04": "a zip archive",
 }
@@ -73,56 +77,88 @@ class DamagedError(InputError):
 
 @dataclass(frozen=True)
 class Header:
-    """What a file says of its image before the pixels are decoded.
+    """What a file says of its image before the pixels are decoded, and what is made of it.
 
     Attributes:
         path: The file.
-        height: Rows of the upright image, that is of the display window.
+        kind: Name of its format, as OpenImageIO has it.
+        height: Rows of the image.
         width: Columns of it.
+        corner: Column and row of its corner within the upright display window; not (0, 0) for one
+            half of a stereo image.
         layer: The channels to read.
         axes: How the pixels are stored, the slow axis first, as Radiance writes it; `-Y`, `+X` is
             upright: down the rows, then along the columns.
-        chromaticities: Primaries stated by the file, None for Rec.709.
+        colour: What the numbers mean.
+        gamma: Exponent that makes the numbers linear.
+        multiplier: What linear red, green and blue have been multiplied with.
+        white_luminance: Nits of (1, 1, 1), as the file states it; None where it does not.
+        eye: The eye that it is of; empty where it is not stereo.
+        notes: What a user has to know of how it is read, one clause each.
+        warnings: Those of them that may make wrong light.
         stored_bytes: Size of the pixels with all channels of the part, as float32.
     """
 
     path: Path
+    kind: str
     height: int
     width: int
+    corner: tuple[int, int]
     layer: layers.Layer
     axes: tuple[str, str]
-    chromaticities: Chromaticities | None
+    colour: ColourSpace
+    gamma: float
+    multiplier: tuple[float, float, float]
+    white_luminance: float | None
+    eye: str
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
     stored_bytes: int
 
 
-def read_header(path: Path, layer: str | None = None) -> Header:
+def read_header(path: Path, reading: ReadOptions = ReadOptions()) -> Header:  # noqa: B008  frozen
     """Read what a file says of its image.
 
     Args:
-        path: An OpenEXR or Radiance file, known by its content and not by its name.
-        layer: Layer or part to read; None for the plain image.
+        path: An image file, known by its content and not by its name.
+        reading: What the user says of it.
 
     Raises:
         InputError: The file cannot be read, or holds no image of the kind asked for.
     """
     check_decoder()
     with opened(path) as reader:
-        parts = []
-        while reader.seek_subimage(len(parts), 0):
-            spec = reader.spec()
-            parts.append((_text(spec, "name"), tuple(spec.channelnames)))
-        chosen = layers.choose(path, parts, layer)
-        spec = reader.spec(chosen.part, 0)
-        if spec.deep:
-            raise InputError(
-                f"{shown(path)}: holds deep data; expected a flat image. Flatten it first."
-            )
-        _check_size(path, spec)
-        height, width = spec.full_height, spec.full_width
-        axes = _radiance_axes(path) if reader.format_name() == "hdr" else ("-Y", "+X")
-        height, width = (width, height) if axes[0].endswith("X") else (height, width)
-        stored = 4 * spec.width * spec.height * spec.nchannels
-        return Header(path, height, width, chosen, axes, _chromaticities(path, spec), stored)
+        specs, kind = [], reader.format_name()
+        while kind == "openexr" and reader.seek_subimage(len(specs), 0):
+            specs.append(reader.spec())
+        specs = specs or [reader.spec()]
+        parts = [facts.part_of(spec, is_only=len(specs) == 1) for spec in specs]
+        chosen = layers.choose(path, parts, reading.layer, reading.eye)
+        spec = specs[chosen.part]
+        check_size(path, max(spec.width, spec.full_width), max(spec.height, spec.full_height))
+        lines = radiance.read_lines(path) if kind == "hdr" else radiance.RadianceHeader()
+        axes = lines.axes if kind == "hdr" else facts.axes_of(spec, kind)
+        size = (spec.full_width, spec.full_height)
+        width, height = size[::-1] if axes[0].endswith("X") else size
+        corner, (width, height), half = facts.half_of(path, chosen, (width, height), reading.eye)
+        notes, warnings = facts.told(spec, lines, chosen, half, reading)
+        return Header(
+            path,
+            kind,
+            height,
+            width,
+            corner,
+            chosen,
+            axes,
+            facts.colour_of(path, specs, lines, chosen, kind, reading),
+            1.0 if reading.colorspace else lines.gamma,
+            lines.multiplier,
+            stated.white_luminance(spec),
+            chosen.eye or half,
+            notes,
+            (*warnings, *facts.warnings_of_range(path, spec, reading)),
+            4 * spec.width * spec.height * spec.nchannels,
+        )
 
 
 @functools.cache
@@ -148,17 +184,18 @@ def opened(path: Path) -> Iterator[OpenImageIO.ImageInput]:
     """Open a file for decoding; whatever goes wrong inside becomes an InputError."""
     kind = _kind(path)
     try:
-        reader = OpenImageIO.ImageInput.open(str(path))
-        if reader is None:
-            raise unreadable(path, finding(OpenImageIO))
-        if reader.format_name() != kind:
-            raise unreadable(path, f"its {kind} header is damaged")
-        try:
-            yield reader
-        finally:
-            # An error nobody fetched is printed by the library when the program ends.
-            finding(reader)
-            reader.close()
+        with _readable(path, kind) as place:
+            reader = OpenImageIO.ImageInput.open(str(place))
+            if reader is None:
+                raise unreadable(path, finding(OpenImageIO))
+            if reader.format_name() != kind:
+                raise unreadable(path, f"its {kind} header is damaged")
+            try:
+                yield reader
+            finally:
+                # An error nobody fetched is printed by the library when the program ends.
+                finding(reader)
+                reader.close()
     except UnicodeError as error:
         raise unreadable(path, "a name in it is not text") from error
     except OSError as error:
@@ -199,11 +236,6 @@ def _kind(path: Path) -> str:
 
 def unreadable(path: Path, said: str) -> InputError:
     """Return the error of a file whose decoder says why it fails."""
-    if "Subsampled channels" in said:
-        return InputError(
-            f"{shown(path)}: has subsampled channels, as luminance-chroma (Y, RY, BY) files do; "
-            "expected R, G, B at full resolution. Save it as R, G, B."
-        )
     return DamagedError(
         path,
         f"cannot be decoded ({said})",
@@ -219,9 +251,8 @@ def finding(source: object) -> str:
         return "its header is damaged"
 
 
-def _check_size(path: Path, spec: OpenImageIO.ImageSpec) -> None:
+def check_size(path: Path, width: int, height: int) -> None:
     """Refuse an image that the header makes larger than a map or than its file can be."""
-    width, height = max(spec.width, spec.full_width), max(spec.height, spec.full_height)
     if max(height, width) > SIZE_MAX:
         raise InputError(
             f"{shown(path)}: declares {width} x {height} texels; expected at most {SIZE_MAX} a "
@@ -235,31 +266,15 @@ def _check_size(path: Path, spec: OpenImageIO.ImageSpec) -> None:
         )
 
 
-def _radiance_axes(path: Path) -> tuple[str, str]:
-    """Return the two axes of a Radiance file's size line, such as `-Y 4 +X 8`.
-
-    OpenImageIO states them as an Exif orientation, in which it exchanges codes 6 and 8.
-    """
-    with path.open("rb") as stream:
-        match = re.search(rb"\n\r?\n([+-][XY]) +\d+ +([+-][XY]) +\d", stream.read(HEADER_MAX))
-    return (match[1].decode(), match[2].decode()) if match else ("-Y", "+X")
-
-
-def _text(spec: OpenImageIO.ImageSpec, name: str) -> str:
-    return spec.get_string_attribute(name, "")
-
-
-def _chromaticities(path: Path, spec: OpenImageIO.ImageSpec) -> Chromaticities | None:
-    """Return the primaries the file states, if they are not Rec.709."""
-    stated = spec.getattribute("chromaticities")
-    if stated is None:
-        interop = colour.INTEROP.get(_text(spec, "colorInteropID"), "Rec.709")
-        return None if interop == "Rec.709" else colour.KNOWN[interop]
-    red_x, red_y, green_x, green_y, blue_x, blue_y, white_x, white_y = (float(v) for v in stated)
-    numbers = (red_x, red_y, green_x, green_y, blue_x, blue_y, white_x, white_y)
-    if not colour.is_colour_space(numbers):
-        raise InputError(
-            f"{shown(path)}: states chromaticities {' '.join(f'{v:.4g}' for v in numbers)}; "
-            "expected three primaries and a white that span colours. Correct or remove them."
-        )
-    return None if colour.name_of(numbers) == "Rec.709" else numbers
+@contextmanager
+def _readable(path: Path, kind: str) -> Iterator[Path]:
+    """Give what OpenImageIO decodes: the file, or a copy without what it does not know."""
+    if kind == "hdr":
+        check_size(path, *radiance.read_lines(path).size)
+        with radiance.readable(path) as place:
+            yield place
+    elif kind == "openexr" and luminance_chroma.is_subsampled(path):
+        with luminance_chroma.readable(path) as place:
+            yield place
+    else:
+        yield path

@@ -27,19 +27,18 @@ from asglight.images.decoding.decoding_process import (
     to_json,
 )
 from asglight.images.decoding.strips import reduced_strips
+from asglight.images.options import ReadOptions
 from asglight.images.repair import Tally
 
 
 class Decoder(Protocol):
     """Reads headers and pixels of image files."""
 
-    def header(self, path: Path, layer: str | None) -> Header:
+    def header(self, path: Path, reading: ReadOptions) -> Header:
         """Read what a file says of its image, as `decode.read_header`."""
         ...
 
-    def pixels(
-        self, header: Header, height: int, matrix: np.ndarray | None
-    ) -> tuple[np.ndarray, Tally]:
+    def pixels(self, header: Header, height: int) -> tuple[np.ndarray, Tally]:
         """Decode, repair and average the image, as `strips.reduced_strips`.
 
         Returns:
@@ -51,16 +50,14 @@ class Decoder(Protocol):
 class Here:
     """Decodes in this process."""
 
-    def header(self, path: Path, layer: str | None) -> Header:
+    def header(self, path: Path, reading: ReadOptions) -> Header:
         """Read what a file says of its image."""
-        return read_header(path, layer)
+        return read_header(path, reading)
 
-    def pixels(
-        self, header: Header, height: int, matrix: np.ndarray | None
-    ) -> tuple[np.ndarray, Tally]:
+    def pixels(self, header: Header, height: int) -> tuple[np.ndarray, Tally]:
         """Decode, repair and average the image."""
         result, row = np.empty((height, 2 * height, 3), np.float32), 0
-        strips = reduced_strips(header, height, matrix)
+        strips = reduced_strips(header, height)
         while True:
             try:
                 rows = next(strips)
@@ -80,7 +77,7 @@ class Elsewhere:
         self._owner = os.getpid()
         atexit.register(self.close)
 
-    def header(self, path: Path, layer: str | None) -> Header:
+    def header(self, path: Path, reading: ReadOptions) -> Header:
         """Read what a file says of its image.
 
         Raises:
@@ -88,12 +85,10 @@ class Elsewhere:
                 long.
         """
         with self._lent(path) as process:
-            process.tell({"path": str(path), "layer": layer, "folder": os.getcwd()})
+            process.tell({"path": str(path), "reading": vars(reading), "folder": os.getcwd()})
             return from_json(_checked(process.reply(), path)["header"])
 
-    def pixels(
-        self, header: Header, height: int, matrix: np.ndarray | None
-    ) -> tuple[np.ndarray, Tally]:
+    def pixels(self, header: Header, height: int) -> tuple[np.ndarray, Tally]:
         """Decode, repair and average the image.
 
         Raises:
@@ -102,12 +97,7 @@ class Elsewhere:
         """
         slot = slot_rows(height) * row_bytes(height)
         result, row = np.empty((height, 2 * height, 3), np.float32), 0
-        request = {
-            "header": to_json(header),
-            "height": height,
-            "matrix": None if matrix is None else matrix.tolist(),
-            "folder": os.getcwd(),
-        }
+        request = {"header": to_json(header), "height": height, "folder": os.getcwd()}
         with self._lent(header.path) as process:
             memory = process.grow(SLOTS * slot)
             process.tell(request)

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from asglight.images.colour import ColourSpace
 from asglight.images.decoding.apart_child import Channel, allow_memory
 from asglight.images.decoding.decode import Header, read_header
 from asglight.images.decoding.layers import Layer
 from asglight.images.decoding.strips import reduced_strips
+from asglight.images.options import ReadOptions
 
 SLOTS = 2
 """In the shared memory: while the rows in one are taken, the other is filled."""
@@ -28,7 +30,7 @@ MEMORY_FREE = 256 * 2**20
 
 
 def handle(request: dict[str, Any], channel: Channel) -> None:
-    """Answer `{path, layer, folder}` by the header, `{header, height, matrix, folder}` by pixels.
+    """Answer `{path, reading, folder}` by the header, `{header, height, folder}` by pixels.
 
     Rows of the result lie in the shared memory, as many as `slot_rows` says in a slot, in turn at 0
     and after one slot. Each slot is told by its number of rows, and after the last one what was
@@ -39,14 +41,12 @@ def handle(request: dict[str, Any], channel: Channel) -> None:
         os.chdir(request["folder"])
     if "path" in request:
         allow_memory(MEMORY_FREE)
-        header = read_header(Path(request["path"]), request["layer"])
+        header = read_header(Path(request["path"]), ReadOptions(**request["reading"]))
         channel.tell({"header": to_json(header)})
     elif "header" in request:  # else a slot that became free when there was nothing left to write
         header = from_json(request["header"])
         allow_memory(MEMORY_FREE + MEMORY_FACTOR * header.stored_bytes)
-        given = request["matrix"]
-        matrix = None if given is None else np.array(given)
-        _tell_rows(header, request["height"], matrix, channel)
+        _tell_rows(header, request["height"], channel)
 
 
 def slot_rows(height: int) -> int:
@@ -66,23 +66,29 @@ def to_json(header: Header) -> dict[str, Any]:
 
 def from_json(values: dict[str, Any]) -> Header:
     """Return the header that `to_json` made JSON values of."""
-    layer, chromaticities = values["layer"], values["chromaticities"]
+    plain = {name: _frozen(value) for name, value in values.items()}
+    layer = {name: _frozen(value) for name, value in values["layer"].items()}
+    space = {name: _frozen(value) for name, value in values["colour"].items()}
     return Header(
-        **values
+        **plain
         | {
             "path": Path(values["path"]),
-            "layer": Layer(**layer | {"channels": tuple(layer["channels"])}),
-            "axes": tuple(values["axes"]),
-            "chromaticities": None if chromaticities is None else tuple(chromaticities),
+            "layer": Layer(**layer),
+            "colour": ColourSpace(**space),
         }
     )
 
 
-def _tell_rows(header: Header, height: int, matrix: np.ndarray | None, channel: Channel) -> None:
+def _frozen(value: Any) -> Any:
+    """Return a list as the tuple that it was."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _tell_rows(header: Header, height: int, channel: Channel) -> None:
     count = slot_rows(height)
     memory = channel.memory(SLOTS * count * row_bytes(height))
     slots = np.frombuffer(memory, np.float32).reshape(-1, count, 2 * height, 3)
-    strips = reduced_strips(header, height, matrix, is_quiet=True)
+    strips = reduced_strips(header, height, is_quiet=True)
     number = filled = 0
     while True:
         try:

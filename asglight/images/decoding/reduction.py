@@ -13,14 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from asglight.images import compiled
+from asglight.images.infinite import Planes
 from asglight.images.repair import Tally, repair_rows
 from asglight.sphere import overlaps
 
 ROWS = 16
 """Worked on at once in numpy: 0.8 MB of a 4k map, which stay in the processor's cache."""
-
-Planes = tuple[NDArray, NDArray, NDArray]
-"""Red, green and blue of some rows, each [rows, W], all float16 or all float32."""
 
 
 class Reduction:

@@ -9,7 +9,7 @@ Tests hold one against the other.
 
 import contextlib
 from collections.abc import Generator, Iterator
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import OpenImageIO
@@ -17,7 +17,9 @@ import OpenImageIO
 from asglight.errors import InputError
 from asglight.images.decoding.decode import Header, finding, opened, unreadable
 from asglight.images.decoding.exr_chunks import ExrChunks, Unusual
-from asglight.images.decoding.reduction import Planes, Reduction
+from asglight.images.decoding.reduction import Reduction
+from asglight.images.infinite import Infinities, Planes
+from asglight.images.linear import linearisation_of
 from asglight.images.message import shown
 from asglight.images.repair import Tally
 
@@ -29,16 +31,14 @@ STRIP_ROWS = 256
 def reduced_strips(
     header: Header,
     height: int,
-    matrix: np.ndarray | None = None,
     *,
     is_quiet: bool = False,
 ) -> Generator[np.ndarray, None, Tally]:
-    """Decode, repair and average the image from top to bottom, as `Reduction`.
+    """Decode, make linear, repair and average the image from top to bottom, as `Reduction`.
 
     Args:
         header: The image.
         height: Rows of the result.
-        matrix: From the file's primaries to Rec.709; None where they are.  [3, 3]
         is_quiet: Nobody sees what libraries print.
 
     Yields:
@@ -51,12 +51,16 @@ def reduced_strips(
         DamagedError: The pixels are damaged or incomplete.
         InputError: They lie outside the display window, or do not fit in memory.
     """
-    reduction = Reduction((header.height, header.width), height, matrix)
-    for planes in read_strips(header, is_quiet=is_quiet):
+    linear = linearisation_of(header)
+    infinities = Infinities(linear.brightest)
+    reduction = Reduction((header.height, header.width), height, linear.matrix)
+    for planes in infinities.kept(read_strips(header, is_quiet=is_quiet)):
+        if linear.curve is not None:
+            planes = _planes(linear.bent(np.stack(planes, axis=-1).astype(np.float32)))
         rows = reduction.add(planes)
         if len(rows):
             yield rows
-    return reduction.tally
+    return replace(reduction.tally, infinite=infinities.count)
 
 
 def read_pixels(header: Header) -> np.ndarray:
@@ -82,15 +86,17 @@ def read_strips(header: Header, *, is_quiet: bool = False) -> Iterator[Planes]:
     with opened(header.path) as reader:
         spec = reader.spec(header.layer.part, 0)
         if header.axes == ("-Y", "+X"):
-            columns = _columns_shown(header.path, spec)
+            columns = _columns_shown(header, spec)
             with contextlib.ExitStack() as stack:
                 chunks = _chunks(reader, spec, header) if is_quiet else None
                 if chunks is not None:
                     stack.callback(chunks.close)
-                yield from _displayed(_decoded(reader, spec, header, chunks), spec, columns)
+                yield from _displayed(_decoded(reader, spec, header, chunks), spec, header, columns)
         else:  # an old Radiance file of which any row may hold the top: turned as a whole
             stored = _rows(reader, spec, header, spec.y, spec.y + spec.height)
+            (left, up), (columns, rows) = header.corner, (header.width, header.height)
             upright = _upright(np.stack(stored, axis=-1), header.axes)
+            upright = upright[up : up + rows, left : left + columns]
             for top in range(0, header.height, STRIP_ROWS):
                 yield _planes(upright[top : top + STRIP_ROWS])
 
@@ -99,7 +105,8 @@ def _chunks(
     reader: OpenImageIO.ImageInput, spec: OpenImageIO.ImageSpec, header: Header
 ) -> ExrChunks | None:
     """Return what reads the file quickly; None where nothing does."""
-    if reader.format_name() != "openexr":
+    # A copy may be read in place of a file with subsampled chroma.
+    if reader.format_name() != "openexr" or header.layer.kind == "luminance-chroma":
         return None
     red, green, blue = (spec.channelnames[channel] for channel in header.layer.channels)
     try:
@@ -124,7 +131,7 @@ def _decoded(
     Yields:
         The first row, counted as the file does, and some rows from it on.  [rows, w]
     """
-    low, high = spec.full_y, spec.full_y + spec.full_height  # of what is shown
+    low, high = _rows_shown(header, spec)
     end = spec.y + spec.height
     starts = range(spec.y, end, STRIP_ROWS)
     spans = [(top, min(top + STRIP_ROWS, end)) for top in starts]
@@ -141,27 +148,35 @@ def _decoded(
 def _displayed(
     decoded: Iterator[tuple[int, Planes]],
     spec: OpenImageIO.ImageSpec,
+    header: Header,
     columns: tuple[slice, slice],
 ) -> Iterator[Planes]:
-    """Crop strips of the data window to the display window, and fill it with 0.
+    """Crop strips of the data window to the image, and fill it with 0.
 
     Args:
         decoded: The strips that have rows of it, as `_decoded`.
         spec: Of the layer's part.
+        header: The image.
         columns: As `_columns_shown`.
     """
-    low, high = spec.full_y, spec.full_y + spec.full_height
+    low, high = _rows_shown(header, spec)
     row = low
     for begin, planes in decoded:
-        yield from _black(begin - row, spec.full_width)
+        yield from _black(begin - row, header.width)
         skipped = max(low - begin, 0)
         red, green, blue = (plane[skipped : high - begin] for plane in planes)
         row = begin + skipped + len(red)
-        if columns[0] == columns[1] and red.shape[1] == spec.full_width:
+        if columns[0] == columns[1] and red.shape[1] == header.width:
             yield red, green, blue
         else:
-            yield _placed((red, green, blue), spec.full_width, columns)
-    yield from _black(high - row, spec.full_width)
+            yield _placed((red, green, blue), header.width, columns)
+    yield from _black(high - row, header.width)
+
+
+def _rows_shown(header: Header, spec: OpenImageIO.ImageSpec) -> tuple[int, int]:
+    """Return the first row of the image and the one after the last, counted as the file does."""
+    low = spec.full_y + header.corner[1]
+    return low, low + header.height
 
 
 def _black(rows: int, width: int) -> Iterator[Planes]:
@@ -252,19 +267,20 @@ def _read(
     return None if tiles is None else tiles[begin - first : end - first]
 
 
-def _columns_shown(path: Path, spec: OpenImageIO.ImageSpec) -> tuple[slice, slice]:
-    """Return the columns of the display window that hold data, and those columns of the data.
+def _columns_shown(header: Header, spec: OpenImageIO.ImageSpec) -> tuple[slice, slice]:
+    """Return the columns of the image that hold data, and those columns of the data.
 
     Raises:
         InputError: The two windows have nothing in common.
     """
-    left, top = spec.x - spec.full_x, spec.y - spec.full_y
-    columns = slice(max(left, 0), min(left + spec.width, spec.full_width))
-    overlap = min(top + spec.height, spec.full_height) - max(top, 0)
+    left = spec.x - spec.full_x - header.corner[0]
+    top = spec.y - spec.full_y - header.corner[1]
+    columns = slice(max(left, 0), min(left + spec.width, header.width))
+    overlap = min(top + spec.height, header.height) - max(top, 0)
     if columns.start >= columns.stop or overlap <= 0:
         raise InputError(
-            f"{shown(path)}: its data window lies outside its display window; expected them to "
-            "overlap. Was it cropped by mistake?"
+            f"{shown(header.path)}: its data window lies outside its display window; expected "
+            "them to overlap. Was it cropped by mistake?"
         )
     return columns, slice(columns.start - left, columns.stop - left)
 

@@ -22,6 +22,7 @@ from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
 from asglight.images import Sequence, open_sequence
 from asglight.images.message import shown
+from asglight.images.options import ReadOptions
 from asglight.images.sequence import Missing
 from asglight.shots.checkpoint import SUFFIX as CHECKPOINT_SUFFIX
 from asglight.shots.checkpoint import BusyError, check_same, open_locked
@@ -63,8 +64,7 @@ class Shot:
         frames: Frames to use; None for all.
         fps: Frames per second.
         missing: What stands in for a missing or damaged frame.
-        layer: Layer or part of OpenEXR files.
-        input_colorspace: Linear space of the images, whatever they state; None for what they do.
+        reading: How the images are read.
         stage: How the stage is written.
         names_from: Stage whose lights keep their names; None for the one written over.
     """
@@ -75,8 +75,7 @@ class Shot:
     frames: str | None = None
     fps: float = 24.0
     missing: Missing = "error"
-    layer: str | None = None
-    input_colorspace: str | None = None
+    reading: ReadOptions = field(default_factory=ReadOptions)
     stage: StageOptions = field(default_factory=StageOptions)
     names_from: str | None = None
 
@@ -271,8 +270,7 @@ def opened(shot: Shot) -> Sequence:
         frames=shot.frames,
         missing=shot.missing,
         height=FIT_HEIGHT,
-        layer=shot.layer,
-        colorspace=shot.input_colorspace,
+        reading=shot.reading,
     )
 
 
@@ -310,8 +308,7 @@ def fit_part(part: Part, known: Followed | None, on_progress: OnProgress) -> Non
         frames=shot.frames,
         fps=shot.fps,
         missing=shot.missing,
-        layer=shot.layer,
-        input_colorspace=shot.input_colorspace,
+        reading=shot.reading,
         stage=shot.stage,
         names_from=shot.names_from,
         resume=True,

@@ -159,8 +159,7 @@ def _opened(sequence: Sequence, frames: list[int]) -> Sequence:
         frames=",".join(map(str, frames)),
         missing=sequence.missing,
         height=sequence.height,
-        layer=sequence.layer,
-        colorspace=sequence.colorspace,
+        reading=sequence.reading,
     )
 
 

@@ -107,7 +107,7 @@ class View:
             kelvin = self.values(light, TEMPERATURE, 6500.0)[:, 0]
             body = {one: UsdLux.BlackbodyTemperatureAsRgb(one) for one in set(kelvin.tolist())}
             # the colours of bodies are linear Rec.709, and are multiplied there
-            to_709 = ocio.matrix(self.colorspace, ocio.REC709).numpy()
+            to_709 = ocio.matrix(self.colorspace, ocio.REC709)
             shone = color @ to_709.T * np.array([body[one] for one in kelvin.tolist()])
             color = np.where(warmth > 0, np.maximum(shone @ np.linalg.inv(to_709).T, 0.0), color)
         diffuse, specular = self.values(light, DIFFUSE, 1.0), self.values(light, SPECULAR, 1.0)
@@ -125,7 +125,7 @@ class View:
             attribute, Usd.ColorSpaceHashCache()
         )
         known = stated if stated in ocio.NAMES else self.colorspace
-        return ocio.matrix(known, self.colorspace).numpy()
+        return ocio.matrix(known, self.colorspace)
 
     def written_at(self, prim: Usd.Prim) -> NDArray[np.bool_]:
         """Tell in which frames a lobe or a light of its has samples; in all where none has.  [F].
