@@ -19,8 +19,17 @@ FIELDS = {
     ".exr": (
         *(b"channels\0", b"compression\0", b"dataWindow\0", b"displayWindow\0", b"lineOrder\0"),
         *(b"tiles\0", b"chunkCount\0", b"type\0", b"envmap\0", b"v2f\0", b"box2i\0", b"chlist\0"),
+        *(b"chromaticities\0", b"colorInteropID\0", b"whiteLuminance\0", b"multiView\0", b"view\0"),
     ),
-    ".hdr": (b"FORMAT=", b"\n\n-Y ", b" +X ", b"\n\n+X ", b"EXPOSURE="),
+    ".hdr": (
+        *(b"FORMAT=", b"\n\n-Y ", b" +X ", b"\n\n+X ", b"EXPOSURE=", b"COLORCORR=", b"GAMMA="),
+        *(b"PRIMARIES=", b"VIEW="),
+    ),
+    ".tif": (b"II*\0", b"MM\0*"),
+    ".pfm": (b"PF\n",),
+    ".png": (b"IHDR", b"IDAT", b"IEND"),
+    ".jpg": (b"\xff\xc0", b"\xff\xc4", b"\xff\xda", b"\xff\xdb"),
+    ".webp": (b"RIFF", b"WEBP", b"VP8"),
     ".usda": (b"timeSamples", b"variantSet", b"rel ", b"customData", b"apiSchemas", b"def "),
     ".usdc": (b"TOKENS\0", b"STRINGS\0", b"FIELDS\0", b"FIELDSETS\0", b"PATHS\0", b"SPECS\0"),
     ".usdz": (b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06", b"TOKENS\0", b"PATHS\0", b"SPECS\0"),

@@ -14,6 +14,7 @@ from asglight.export.track_file import read_json
 from asglight.images import read_latlong
 from asglight.images.decoding.decode import read_header
 from asglight.images.decoding.decoders import APART
+from asglight.images.options import ReadOptions
 from asglight.lobes import Lobes
 from asglight.shots.checkpoint import Checkpoint
 from asglight.shots.watching import ShotWatch
@@ -47,14 +48,20 @@ class Reader:
     apart: Read | None = None
 
 
+def reading_of(path: Path) -> ReadOptions:
+    """Return how a file is read: images of integers need a space, and then everything is read."""
+    is_plain = path.suffix in (".exr", ".hdr")
+    return ReadOptions() if is_plain else ReadOptions(colorspace="sRGB", repair=1)
+
+
 def _image_here(path: Path) -> None:
-    radiance = read_latlong(path, height=ROWS).radiance
+    radiance = read_latlong(path, height=ROWS, reading=reading_of(path)).radiance
     assert bool((radiance >= 0).all()), "negative radiance"
     assert bool(torch.isfinite(radiance).all()), "radiance that is not finite"
 
 
 def _image_apart(path: Path) -> None:
-    read_latlong(path, height=ROWS, decoder=APART)
+    read_latlong(path, height=ROWS, reading=reading_of(path), decoder=APART)
 
 
 def _check_finite(lobes: Lobes) -> None:
@@ -85,8 +92,13 @@ def _checkpoint(path: Path) -> None:
 
 
 READERS = (
-    Reader("OpenEXR", ".exr", _image_here, 400, _image_apart),
+    Reader("OpenEXR", ".exr", _image_here, 360, _image_apart),
     Reader("Radiance", ".hdr", _image_here, 100, _image_apart),
+    Reader("TIFF", ".tif", _image_here, 10, _image_apart),
+    Reader("PFM", ".pfm", _image_here, 10, _image_apart),
+    Reader("PNG", ".png", _image_here, 10, _image_apart),
+    Reader("JPEG", ".jpg", _image_here, 5, _image_apart),
+    Reader("WebP", ".webp", _image_here, 5, _image_apart),
     Reader("USD text", ".usda", _usd, 100),
     Reader("USD binary", ".usdc", _usd, 100),
     Reader("USD package", ".usdz", _usd, 50),

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
+import OpenImageIO
 import torch
 
 from asglight.export import write_json, write_sg_array
@@ -89,12 +90,64 @@ def _write_images(folder: Path) -> None:
         OpenEXR.Part(dict(part), {"Z": image()[..., 0].copy()}, "depth"),
     ]
     OpenEXR.File(parts).write(str(folder / "parts.exr"))
+    _write_statements(folder)
     mantissa = (255 * np.random.default_rng(2).random((ROWS, 2 * ROWS, 4))).astype(np.uint8)
     mantissa[..., 3] = 128
     size = f"-Y {ROWS} +X {2 * ROWS}"
     (folder / "flat.hdr").write_bytes(hdr_bytes(mantissa, size))
     (folder / "turned.hdr").write_bytes(hdr_bytes(mantissa, f"+X {2 * ROWS} +Y {ROWS}"))
     (folder / "runs.hdr").write_bytes(hdr_bytes(mantissa, size, in_runs=True))
+    stated = "EXPOSURE=2\nCOLORCORR=1 1 .5\nGAMMA=2\nVIEW= -vtv -vh 90\n"
+    primaries = "PRIMARIES=.64 .33 .29 .6 .15 .06 .333 .333\n"
+    lines = (hdr_bytes(mantissa, size).partition(b"FORMAT")[0], f"{stated}{primaries}".encode())
+    pixels = f"FORMAT=32-bit_rle_xyze \n\n{size}\n".encode() + mantissa.tobytes()
+    (folder / "stated.hdr").write_bytes(b"".join(lines) + pixels)
+    runs = np.repeat(mantissa[:, :1], 2, axis=1)
+    runs[:, 1] = (1, 1, 1, 2 * ROWS - 1)  # old runs: each row repeats its first pixel
+    (folder / "old_runs.hdr").write_bytes(hdr_bytes(runs, size))
+
+
+def _write_statements(folder: Path) -> None:
+    """Write files that state colours, several images, eyes and infinities."""
+    scanlines = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    space = {"chromaticities": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)}
+    looks = {"whiteLuminance": 100.0, "adoptedNeutral": np.array([0.3457, 0.3585], np.float32)}
+    name = {"colorInteropID": "lin_ap1_scene"}
+    stated = {**scanlines, **space, **looks, **name}
+    OpenEXR.File(stated, {"RGB": image()}).write(str(folder / "stated.exr"))
+    encoded = {**scanlines, "colorInteropID": "srgb_rec709_scene"}
+    infinite = (image() / 900).astype(np.float16)
+    infinite[4, 6:9] = np.inf
+    infinite[9, 3, 1] = np.nan
+    OpenEXR.File(encoded, {"RGB": infinite}).write(str(folder / "infinite.exr"))
+    OpenEXR.File({**scanlines, "acesImageContainerFlag": 1}, {"RGB": image()}).write(
+        str(folder / "aces.exr")
+    )
+    for names in ("XYZ", ("Y", "RY", "BY")):
+        channels = {name: image()[..., index].copy() for index, name in enumerate(names)}
+        OpenEXR.File(dict(scanlines), channels).write(str(folder / f"{''.join(names).lower()}.exr"))
+    layers = {
+        f"{layer}.{channel}": image()[..., index].copy()
+        for layer in ("beauty", "right.beauty", "N", "crypto00")
+        for index, channel in enumerate("RGB")
+    }
+    OpenEXR.File({**scanlines, "multiView": ["left", "right"]}, layers).write(
+        str(folder / "layers.exr")
+    )
+    eyes = [
+        OpenEXR.Part({**scanlines, "view": view}, {"RGB": image()}, f"rgba.{view}")
+        for view in ("left", "right")
+    ]
+    OpenEXR.File(eyes).write(str(folder / "eyes.exr"))
+    OpenImageIO.ImageBuf(image()).write(str(folder / "float.tif"))
+    encoded_image = OpenImageIO.ImageBuf(image() / 900)
+    encoded_image.set_write_format("uint8")
+    for suffix in ("png", "jpg", "webp"):
+        assert encoded_image.write(str(folder / f"integers.{suffix}")), encoded_image.geterror()
+    height, width = image().shape[:2]
+    (folder / "float.pfm").write_bytes(
+        f"PF\n{width} {height}\n-1.0\n".encode() + image().astype("<f4").tobytes()
+    )
 
 
 def hdr_bytes(pixels: np.ndarray, size: str, *, in_runs: bool = False) -> bytes:
