@@ -2,8 +2,11 @@
 """How many threads of the processor a part of the work computes on."""
 
 import contextlib
+import importlib
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import ContextVar
 from typing import TypeVar
 
 import torch
@@ -15,11 +18,35 @@ Found = TypeVar("Found")
 def one_thread() -> Iterator[None]:
     """Compute on one thread, which leaves the others to reading, and to other fits."""
     before = torch.get_num_threads()
+    told = _SPARED.set(threads_there())
     torch.set_num_threads(1)
     try:
         yield
     finally:
         torch.set_num_threads(before)
+        _SPARED.reset(told)
+
+
+def threads_there() -> int:
+    """Return how many threads there are for work side by side, also within `one_thread`."""
+    return max(_SPARED.get(), torch.get_num_threads())
+
+
+_SPARED: ContextVar[int] = ContextVar("spared", default=1)
+
+
+def load_ahead(*modules: str) -> None:
+    """Import modules in a thread, beside what the caller computes before it needs them.
+
+    What goes wrong goes wrong again, and is told, where they are imported to be used.
+    """
+
+    def load() -> None:
+        for module in modules:
+            with contextlib.suppress(ImportError):
+                importlib.import_module(module)
+
+    threading.Thread(target=load, name="asglight-load").start()
 
 
 def side_by_side(calls: Iterable[Callable[[], Found]], threads: int) -> Iterator[Found]:

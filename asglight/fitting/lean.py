@@ -20,6 +20,7 @@ Dimension letters: F frames, N lobes, K probes, D views of a probe.
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -31,6 +32,7 @@ from asglight.fitting.measures import even_cells
 from asglight.fitting.probes import PROBES, probe, shares, split
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import orthonormal, parallel_transport
+from asglight.threads import side_by_side
 
 BUDGET = 1e-3
 """Change of a frame by all simplifications together, on each probe. On ten maps and three sequences
@@ -62,51 +64,56 @@ class Lean:
     needed: Tensor
 
 
-def leave_out(lobes: Lobes, budget: Tensor) -> Lean:
+def leave_out(lobes: Lobes, budget: Tensor, threads: int = 1) -> Lean:
     """Simplify the lobes of a shot.
 
     Args:
         lobes: Continuous in time (lobes.frames.continuous).  [F, N, .]
         budget: Largest change of each frame, on each probe.  [F]
+        threads: How many chunks of frames are looked at side by side; the result does not depend
+            on it.
     """
     flux = asg.flux(lobes.to(torch.float64)).sum(1)  # [F, 3]
     left = budget[:, None].to(torch.float64)  # [F, K]
     black = replace(lobes, amplitude=torch.zeros_like(lobes.amplitude))
-    unneeded, left = _simplified(lobes, black, left, flux, taken_by_all=True)
+    unneeded, left = _simplified(lobes, black, left, flux, threads, taken_by_all=True)
     needed = ~unneeded
     if not bool(needed.any()):  # a black shot
         needed[0] = True
     result = with_flux(lobes.select(needed), flux, torch.ones(int(needed.sum()), dtype=torch.bool))
     if lobes.form is not Form.SG:
         rounded = rounded_off(result)
-        is_round, left = _simplified(result, rounded, left, flux, taken_by_all=True)
+        is_round, left = _simplified(result, rounded, left, flux, threads, taken_by_all=True)
         result = mixed(is_round, _transported(rounded), result)
     held = held_still(result)
-    static, _ = _simplified(result, held, left, flux, taken_by_all=False)
+    static, _ = _simplified(result, held, left, flux, threads, taken_by_all=False)
     return Lean(with_flux(mixed(static, held, result), flux, ~static), needed)
 
 
-def changes(before: Lobes, after: Lobes, whole: Tensor) -> Tensor:
+def changes(before: Lobes, after: Lobes, whole: Tensor, threads: int = 1) -> Tensor:
     """Return how much of what the probes show changes where one lobe is replaced by another.
 
     Args:
         before: Some lobes of a shot.  [F, N, .]
         after: What stands for each of them.  [F, N, .]
         whole: Flux of each frame, RGB summed. Every probe's mean is this over 4 pi.  [F]
+        threads: As of `leave_out`.
 
     Returns:
         For each lobe by itself, mean |change| over the mean of what the frame shows.  [F, N, K]
     """
-    parts = []
-    for first in range(0, len(before.axes), CHUNK):
-        chunk = slice(first, first + CHUNK)
-        old, new = before[chunk], after[chunk]
-        unit = (whole[chunk] / (4 * math.pi)).clamp(min=1e-37)[:, None, None]
-        light, changed = ((lobes.amplitude / unit)[..., None].float() for lobes in (old, new))
-        change = light * _views(old)[:, :, None] - changed * _views(new)[:, :, None]
-        change = change.abs().sum(2) * shares(BASE_ROWS, str(light.device))
-        parts.append(torch.stack([each.sum(-1) for each in split(change, BASE_ROWS)], dim=-1))
-    return torch.cat(parts).to(torch.float64)
+    chunks = [slice(first, first + CHUNK) for first in range(0, len(before.axes), CHUNK)]
+    calls = [partial(_changes, before[one], after[one], whole[one]) for one in chunks]
+    return torch.cat(list(side_by_side(calls, threads))).to(torch.float64)
+
+
+def _changes(before: Lobes, after: Lobes, whole: Tensor) -> Tensor:
+    """Return `changes` of a few frames, in float32."""
+    unit = (whole / (4 * math.pi)).clamp(min=1e-37)[:, None, None]
+    light, changed = ((lobes.amplitude / unit)[..., None].float() for lobes in (before, after))
+    change = light * _views(before)[:, :, None] - changed * _views(after)[:, :, None]
+    change = change.abs().sum(2) * shares(BASE_ROWS, str(light.device))
+    return torch.stack([each.sum(-1) for each in split(change, BASE_ROWS)], dim=-1)
 
 
 def _views(lobes: Lobes) -> Tensor:
@@ -210,7 +217,13 @@ def flux_change(lobes: Lobes, flux: Tensor) -> float:
 
 
 def _simplified(
-    lobes: Lobes, simpler: Lobes, left: Tensor, flux: Tensor, *, taken_by_all: bool
+    lobes: Lobes,
+    simpler: Lobes,
+    left: Tensor,
+    flux: Tensor,
+    threads: int,
+    *,
+    taken_by_all: bool,
 ) -> tuple[Tensor, Tensor]:
     """Choose the lobes that a budget lets become simpler, the cheapest first.
 
@@ -222,12 +235,13 @@ def _simplified(
         simpler: As they would be.  [F, N, .]
         left: Budget of each frame and probe.  [F, K] or [F, 1]
         flux: What each frame should have.  [F, 3]
+        threads: As of `leave_out`.
         taken_by_all: The flux goes to every lobe; else to those that do not become simpler.
 
     Returns:
         Which become simpler [N], and the budget left for others [F, K].
     """
-    chosen, cost = _affordable(lobes, simpler, left, flux.sum(-1))
+    chosen, cost = _affordable(lobes, simpler, left, flux.sum(-1), threads)
     while chosen:
         marked = torch.zeros(lobes.count, dtype=torch.bool)
         marked[chosen] = True
@@ -240,7 +254,7 @@ def _simplified(
 
 
 def _affordable(
-    lobes: Lobes, simpler: Lobes, left: Tensor, whole: Tensor
+    lobes: Lobes, simpler: Lobes, left: Tensor, whole: Tensor, threads: int
 ) -> tuple[list[int], Tensor]:
     """Return the lobes whose costs together stay within the budget, cheapest first, and all costs.
 
@@ -255,7 +269,8 @@ def _affordable(
     for part in (slice(0, 1), slice(1, None)):
         if len(near) and len(whole[part]):
             own, other = lobes[part].select(near), simpler[part].select(near)
-            cost[part, near] = changes(own, other, whole[part]) + taken[part, near, None]
+            found = changes(own, other, whole[part], threads)
+            cost[part, near] = found + taken[part, near, None]
             near = near[(cost[part, near] <= left[part, None]).all(-1).all(0)]
     chosen: list[int] = []
     for index in cost.amax((0, 2)).argsort(stable=True).tolist():

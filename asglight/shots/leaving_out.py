@@ -11,7 +11,7 @@ import torch
 from asglight.fitting.lean import BUDGET, leave_out
 from asglight.lobes import Form, Lobes
 from asglight.shots.tolerance import Accuracy
-from asglight.threads import one_thread
+from asglight.threads import one_thread, threads_there
 
 TOLERANCE_SHARE = 0.1
 """Budget of a shot with a tolerance, of the tolerance."""
@@ -32,14 +32,15 @@ def simplified(lobes: Lobes, frames: list[int], accuracy: Accuracy | None) -> tu
     Returns:
         The lobes [F, N', .] and the budget.
     """
+    threads = threads_there()
     with one_thread():
         if accuracy is None:
-            return leave_out(lobes, torch.full((len(frames),), BUDGET)).lobes, BUDGET
+            return leave_out(lobes, torch.full((len(frames),), BUDGET), threads).lobes, BUDGET
         share = TOLERANCE_SHARE * accuracy.tolerance
         before = _largest(accuracy, frames, lobes)
         budget = torch.full_like(before, share)
         for _ in range(HALVINGS):
-            found = leave_out(lobes, budget).lobes
+            found = leave_out(lobes, budget, threads).lobes
             after = _largest(accuracy, frames, found)
             lost = (before <= accuracy.limit) & (after > accuracy.limit)
             if not bool(lost.any()):
@@ -47,7 +48,7 @@ def simplified(lobes: Lobes, frames: list[int], accuracy: Accuracy | None) -> tu
             budget = torch.where(lost, budget / 2, budget)
         # the change of a frame bounds that of its error
         room = torch.where(before <= accuracy.limit, accuracy.limit - before, share)
-        return leave_out(lobes, torch.minimum(budget, room)).lobes, share
+        return leave_out(lobes, torch.minimum(budget, room), threads).lobes, share
 
 
 def _largest(accuracy: Accuracy, frames: list[int], lobes: Lobes) -> torch.Tensor:

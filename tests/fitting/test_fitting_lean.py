@@ -9,6 +9,7 @@ from lobe_cases import lamps, random_lobes
 from asglight.fitting import lean
 from asglight.fitting.lean import BUDGET, FLUX_TOLERANCE, leave_out
 from asglight.lobes import Form, Lobes, asg, texels
+from asglight.lobes.data import stack
 from asglight.shading import kernels
 from asglight.sphere.quadrature import fibonacci_directions
 
@@ -259,10 +260,20 @@ def test_what_the_first_frame_does_not_bear_is_not_looked_at_in_others(
     seen: list[tuple[int, int]] = []
     exact = lean.changes
 
-    def noted(before: Lobes, after: Lobes, whole: torch.Tensor) -> torch.Tensor:
+    def noted(before: Lobes, after: Lobes, whole: torch.Tensor, threads: int) -> torch.Tensor:
         seen.append((len(before.axes), before.count))
-        return exact(before, after, whole)
+        return exact(before, after, whole, threads)
 
     monkeypatch.setattr(lean, "changes", noted)
     leave_out(shot, budget(shot))
     assert seen == [(1, 3)], "each lobe's length is seen in the first of six frames"
+
+
+def test_chunks_side_by_side_come_to_the_same_bits() -> None:
+    frames = [still_shot(long_scene())[0]] * (3 * lean.CHUNK + 1)
+    shot = stack(frames)
+    noise = torch.rand(len(frames), 3, 1, generator=torch.Generator().manual_seed(3))
+    shot = replace(shot, amplitude=shot.amplitude * (1 + 0.01 * noise))
+    one, many = (leave_out(shot, budget(shot, 5e-3), threads).lobes for threads in (1, 3))
+    for name in ("axes", "sharpness", "amplitude"):
+        assert torch.equal(getattr(one, name), getattr(many, name))
