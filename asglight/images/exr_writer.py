@@ -3,8 +3,8 @@
 
 from pathlib import Path
 
-import numpy as np
 import OpenEXR
+import torch
 from torch import Tensor
 
 from asglight.errors import InputError
@@ -55,7 +55,7 @@ def write_exr(
     # A comparison with NaN is false, so NaN selects float too.
     fits = bool((values.abs() <= HALF_MAX).all())
     # In C order: OpenEXR writes the memory of an array and not its strides.
-    pixels = values.numpy().astype(np.float16 if half and fits else np.float32, order="C")
+    pixels = values.to(torch.float16 if half and fits else torch.float32).contiguous().numpy()
     with written_beside(path) as place:
         try:
             header = _header(compression, chromaticities, latlong=latlong)

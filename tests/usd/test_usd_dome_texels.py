@@ -9,7 +9,9 @@ import torch
 from numpy.typing import NDArray
 
 from asglight.lobes import Form, Lobes, asg
+from asglight.lobes.data import stack
 from asglight.lobes.frames import axes_around
+from asglight.sphere import latlong
 from asglight.usd.lights import dome_texels
 
 HEIGHT = 128
@@ -131,3 +133,52 @@ def test_sg_lobes_keep_flux_and_spread(sigma: float) -> None:
     found = 1 - share @ (directions @ one.axis_z[0].numpy())
     # those of more than 0.05 radian are not narrowed: 1/6 square texel each way
     assert found == pytest.approx(spread, abs=(1 / 6 + 0.3 * (sigma < 0.5) + 0.01) * TEXEL**2)
+
+
+@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize("height", [9, 64])
+def test_texels_of_broad_lobes_are_the_narrowed_lobes_at_the_centres(
+    form: Form, height: int
+) -> None:
+    """Held against float64 over the whole sphere: rows are taken apart and far lobes left out."""
+    random = np.random.default_rng(7)
+    towards = torch.from_numpy(random.normal(size=(12, 3)))
+    axes = axes_around(towards / towards.norm(dim=-1, keepdim=True))
+    texel = math.pi / height
+    sigma = texel * torch.from_numpy(random.uniform(1.2, 12, (12, 2)))
+    sharpness = (1 if form is Form.SG else 0.5) / sigma.square()
+    if form is Form.SG:
+        sharpness = sharpness.amin(-1, keepdim=True).expand(-1, 2).clamp(max=300.0)
+    if form is Form.FLAT:
+        sharpness = sharpness / 2
+    amplitude = torch.from_numpy(random.uniform(0.5, 2, (12, 3)))
+    lobes = Lobes(axes, sharpness.contiguous(), amplitude, form)
+    narrowed = lobes if form is Form.SG else dome_texels.narrowed(lobes, texel, dome_texels.TENT)
+    centres = latlong.directions(height, 2 * height, dtype=torch.float64).view(-1, 3)
+    wanted = asg.evaluate(narrowed, centres).view(height, 2 * height, 3)
+    found = dome_texels.interpolated(lobes, height).double()
+    error = (found - wanted).abs()
+    assert float((error / wanted.clamp(min=1e-3)).max()) < 1e-5
+    assert float(error.max() / wanted.max()) < 2e-6
+
+
+def test_frames_are_what_each_of_them_is_alone() -> None:
+    """Frames are narrowed together; each image is that of its lobes alone."""
+    shapes = [(0.3, 0.3), (0.2, 5.0), (1.5, 4.0), (9.0, 9.0)]
+    frames = [
+        [lobe(place, *shape) for place, shape in zip(PLACES, row, strict=True)]
+        for row in (shapes, shapes[::-1])
+    ]
+    alone = [lobes_together(row) for row in frames]
+    together = dome_texels.images(stack(alone), HEIGHT)
+    for lobes, image in zip(alone, together, strict=True):
+        assert torch.equal(image(), dome_texels.interpolated(lobes, HEIGHT))
+
+
+def lobes_together(parts: list[Lobes]) -> Lobes:
+    return Lobes(
+        torch.cat([one.axes for one in parts]),
+        torch.cat([one.sharpness for one in parts]),
+        torch.cat([one.amplitude for one in parts]),
+        parts[0].form,
+    )

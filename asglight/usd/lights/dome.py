@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dome: one latlong EXR a frame, of all lobes together."""
 
+from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+
+from torch import Tensor
 
 from asglight.images import ocio, write_exr
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import Lobes
-from asglight.usd.lights import dome_texels
+from asglight.threads import one_thread, side_by_side, threads_there
+from asglight.usd.lights.dome_texels import images
 from asglight.usd.spaces import Space, to_stage
 
 
@@ -33,10 +39,14 @@ def write_textures(
     paths = [folder / f"{stem}.{frame:04d}.exr" for frame in tracks.frames[:count]]
     colors = replace(space, up_axis="Y")  # the pole of a dome is +Y, whatever is up
     chromaticities = ocio.chromaticities(space.colorspace)
-    for index, path in enumerate(paths):
-        lobes = to_stage(tracks.lobes[index].to("cpu"), colors)
-        radiance = dome_texels.interpolated(lobes, height)
-        write_exr(path, radiance, chromaticities=chromaticities)
+
+    def write(path: Path, radiance: Callable[[], Tensor]) -> None:
+        write_exr(path, radiance(), chromaticities=chromaticities)
+
+    lobes = to_stage(tracks.lobes[:count].to("cpu"), colors)
+    calls = [partial(write, *one) for one in zip(paths, images(lobes, height), strict=True)]
+    with one_thread():
+        deque(side_by_side(calls, threads_there()), maxlen=0)
     return paths
 
 

@@ -17,12 +17,14 @@ Rows next to a pole count as all others; a renderer has no texel beyond them.
 """
 
 import math
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import torch
 from torch import Tensor
 
-from asglight.lobes import asg, texels
+from asglight.lobes import asg, flat, texels
 from asglight.lobes.data import Form, Lobes
 from asglight.sphere import latlong
 
@@ -41,6 +43,29 @@ REACH = 5.0
 """Sigmas to which the points of a lobe go: 6e-7 of a Gaussian lies beyond each way."""
 
 
+EXPONENT_MAX = 30.0
+"""Beyond it a lobe is left out of whole rows: 1e-13 of its peak."""
+
+ROWS_AT_ONCE = 16
+"""Of 256: what 15 lobes are there takes 1 MB and stays in the cache of a core. All rows at once
+take 1.3 times as long, 4 rows 1.15 times."""
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Lobes of some frames that are brought to the texels in one way.
+
+    Attributes:
+        lobes: Narrowed, in float64.  [K, .]
+        frame: Which frame each belongs to.  [K]
+        is_shared: They are cut into points; the others are taken at the texel centres.
+    """
+
+    lobes: Lobes
+    frame: Tensor
+    is_shared: bool
+
+
 def interpolated(lobes: Lobes, height: int) -> Tensor:
     """Return texels that show the lobes where a renderer interpolates between them.
 
@@ -51,22 +76,63 @@ def interpolated(lobes: Lobes, height: int) -> Tensor:
     Returns:
         Linear RGB radiance, float32.  [H, 2H, 3]
     """
-    texel = math.pi / height
-    width = texels.lobe_width(lobes.to("cpu", torch.float64))
+    return images(lobes[None], height)[0]()
+
+
+def images(lobes: Lobes, height: int) -> list[Callable[[], Tensor]]:
+    """Return for each frame what computes its texels; all lobes are narrowed together before.
+
+    Args:
+        lobes: N lobes of F frames.  [F, N, .]
+        height: As of `interpolated`, whose result each returns.
+    """
+    count, lobe_count = lobes.sharpness.shape[:2]
+    frame = torch.arange(count).repeat_interleave(lobe_count)
+    flattened = Lobes(
+        lobes.axes.flatten(0, 1),
+        lobes.sharpness.flatten(0, 1),
+        lobes.amplitude.flatten(0, 1),
+        lobes.form,
+    ).to("cpu", torch.float64)
+    parts = _parts(flattened, frame, math.pi / height)
+    return [partial(_image, [_of_frame(part, k) for part in parts], height) for k in range(count)]
+
+
+def _parts(lobes: Lobes, frame: Tensor, texel: float) -> list[_Part]:
+    """Choose the way of each lobe and narrow it for that.  [K, .], [K]."""
+    width = texels.lobe_width(lobes)
     if lobes.form is Form.SG:
         narrow = width < max(GAUSSIAN_WIDTH, SAMPLED_WIDTH_TEXELS * texel)
-        gaussian = _as_asg(lobes.select(narrow))
-        return _samples(lobes.select(~narrow), height) + interpolated(gaussian, height)
+        gaussian = _parts(_as_asg(lobes.select(narrow)), frame[narrow], texel)
+        return [_Part(lobes.select(~narrow), frame[~narrow], is_shared=False), *gaussian]
     small = width < SAMPLED_WIDTH_TEXELS * texel
+    sampled = _Part(narrowed(lobes.select(~small), texel, TENT), frame[~small], is_shared=False)
     if lobes.form is Form.FLAT and bool(small.any()):
-        alike = _as_asg(lobes.select(small))
-        return interpolated(lobes.select(~small), height) + interpolated(alike, height)
-    sampled = _samples(narrowed(lobes.select(~small), texel, TENT), height)
+        return [sampled, *_parts(_as_asg(lobes.select(small)), frame[small], texel)]
+    points = narrowed(lobes.select(small), texel, 2 * TENT)
+    return [sampled, _Part(points, frame[small], is_shared=True)]
+
+
+def _of_frame(part: _Part, frame: int) -> _Part:
+    own = part.frame == frame
+    return replace(part, lobes=part.lobes.select(own), frame=part.frame[own])
+
+
+def _image(parts: list[_Part], height: int) -> Tensor:
+    """Return the texels of one frame.  [H, 2H, 3]."""
+    image = sum((_samples(part.lobes, height) for part in parts if not part.is_shared), _NOTHING)
+    points = [part.lobes for part in parts if part.is_shared and part.lobes.count]
+    if not points:
+        return image
     shared = torch.zeros(2 * height * height, 3, dtype=torch.float64)
-    for index in small.nonzero().flatten():
-        _share(shared, narrowed(lobes.select(index[None]), texel, 2 * TENT), height)
+    for lobes in points:
+        for index in range(lobes.count):
+            _share(shared, lobes.select(torch.tensor([index])), height)
     solid_angles = latlong.texel_solid_angles(height, 2 * height, dtype=torch.float64)[..., None]
-    return sampled + (shared.view(height, 2 * height, 3) / solid_angles).float()
+    return image + (shared.view(height, 2 * height, 3) / solid_angles).float()
+
+
+_NOTHING = torch.zeros(())
 
 
 def narrowed(lobes: Lobes, texel: float, squares: float) -> Lobes:
@@ -104,8 +170,53 @@ def narrowed(lobes: Lobes, texel: float, squares: float) -> Lobes:
 
 def _samples(lobes: Lobes, height: int) -> Tensor:
     """Return the radiance at the texel centres.  [H, 2H, 3]."""
-    directions = latlong.directions(height, 2 * height).view(-1, 3)
-    return asg.evaluate(lobes.to("cpu", torch.float32), directions).view(height, 2 * height, 3)
+    first, last = _rows_reached(lobes, height)
+    lobes = lobes.to("cpu", torch.float32)
+    width, centres = 2 * height, _centres(height)
+    image = centres.new_zeros(height * width, 3)
+    for top in range(0, height, ROWS_AT_ONCE):
+        bottom = min(top + ROWS_AT_ONCE, height)
+        near = (first < bottom) & (last >= top)
+        if bool(near.any()):
+            texels_of_rows = slice(top * width, bottom * width)
+            image[texels_of_rows] = _values(lobes.select(near), centres[:, texels_of_rows])
+    return image.view(height, width, 3)
+
+
+def _rows_reached(lobes: Lobes, height: int) -> tuple[Tensor, Tensor]:
+    """Return the first and the last row in which a lobe is more than exp(-EXPONENT_MAX).  [N]."""
+    polar = torch.acos(lobes.axis_z[..., 1].clamp(-1, 1))
+    if lobes.form is Form.SG:  # broad ones only, which have no hemisphere
+        reach = torch.full_like(polar, math.pi)
+    else:
+        reach = torch.asin((EXPONENT_MAX / lobes.sharpness.amin(-1)).sqrt().clamp(max=1))
+    top, bottom = polar, polar
+    if lobes.form is Form.BINGHAM:  # from the one side to the other
+        top, bottom = torch.minimum(polar, math.pi - polar), torch.maximum(polar, math.pi - polar)
+    per_row = height / math.pi
+    return ((top - reach) * per_row).floor(), ((bottom + reach) * per_row).floor()
+
+
+def _values(lobes: Lobes, directions: Tensor) -> Tensor:
+    """Return `asg.evaluate` at directions [3, P]; as few arrays as can be.  [P, 3]."""
+    if lobes.form is Form.SG:
+        return asg.evaluate(lobes, directions.mT)
+    root = lobes.sharpness.sqrt()
+    x = (lobes.axis_x * root[:, :1]) @ directions
+    y = (lobes.axis_y * root[:, 1:]) @ directions
+    value = x.square_().addcmul_(y, y).neg_().exp_()
+    if lobes.form is Form.FLAT:
+        value = flat.values(value)
+    if lobes.form is not Form.BINGHAM:
+        value.mul_((lobes.axis_z @ directions).clamp_(min=0))
+    return value.mT @ lobes.amplitude
+
+
+@lru_cache(maxsize=4)
+@torch.inference_mode(False)
+def _centres(height: int) -> Tensor:
+    """Return the directions of the texel centres.  [3, P] float32."""
+    return latlong.directions(height, 2 * height).view(-1, 3).mT.contiguous()
 
 
 def _as_asg(lobes: Lobes) -> Lobes:
