@@ -5,7 +5,7 @@ import argparse
 from typing import Any, get_args
 
 from asglight.cli import farm
-from asglight.cli.condition import condition_lines, condition_of
+from asglight.cli.condition import condition_lines
 from asglight.cli.leaving_out import left_out_lines
 from asglight.cli.parser import (
     add_follow_option,
@@ -17,6 +17,7 @@ from asglight.cli.parser import (
 from asglight.cli.printing import counted, duration, frame_range, percent, print_json, size
 from asglight.cli.progress import reporter
 from asglight.cli.reading import read_options
+from asglight.cli.repairs import repair_line
 from asglight.cli.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.errors import InputError
 from asglight.fitting.options import (
@@ -28,7 +29,6 @@ from asglight.fitting.options import (
     form_of,
 )
 from asglight.images.account import image_line
-from asglight.images.frame_files import ranges
 from asglight.images.sequence import Missing
 from asglight.shots import ShotResult, fit_shot
 from asglight.shots.tracks import repairs_of
@@ -170,7 +170,7 @@ def as_document(result: ShotResult, output: str) -> dict[str, Any]:
         "fps": result.tracks.fps,
         "resumed": result.resumed,
         "seconds": sum(record.seconds for record in result.records),
-        "ill_conditioned": condition_of(result.tracks),
+        "ill_conditioned": metadata["ill_conditioned"],
         "repairs": repairs_of(list(result.records)),
         "image": metadata["image"],
         "frames": frames,
@@ -194,22 +194,3 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
     lines += condition_lines(document["ill_conditioned"])
     lines += [image_line(document["image"]), repair_line(document["repairs"])]
     return [line for line in lines if line]
-
-
-def repair_line(repairs: dict[str, Any]) -> str:
-    """Return the repairs of all frames as one line; empty where there were none."""
-    clauses = []
-    if repairs["frames"]:
-        infinite = repairs.get("infinite_texels", 0)
-        kept = f" and {counted(infinite, 'infinite texel')} taken as the brightest"
-        clauses.append(
-            f"{repairs['nonfinite_texels']} NaN and {repairs['negative_texels']} negative "
-            f"texels set to 0{kept if infinite else ''} in "
-            f"{counted(len(repairs['frames']), 'frame')} ({ranges(repairs['frames'])})"
-        )
-    if repairs["frames_filled"]:
-        filled = repairs["frames_filled"]
-        clauses.append(
-            f"{counted(len(filled), 'missing or damaged frame')} filled ({ranges(filled)})"
-        )
-    return f"repaired: {'; '.join(clauses)}" if clauses else ""

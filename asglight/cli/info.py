@@ -9,8 +9,7 @@ from typing import Any
 
 import torch
 
-from asglight.cli.condition import condition_lines, condition_of
-from asglight.cli.fit import repair_line
+from asglight.cli.condition import condition_lines
 from asglight.cli.leaving_out import left_out_lines
 from asglight.cli.parser import (
     add_follow_option,
@@ -20,6 +19,7 @@ from asglight.cli.parser import (
 )
 from asglight.cli.printing import counted, frame_range, print_json, size, table
 from asglight.cli.reading import given, read_options
+from asglight.cli.repairs import repair_line
 from asglight.errors import InputError
 from asglight.images.account import image_line, warning_lines
 from asglight.lobes import LobeTracks, asg
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         "changes": list(reading.changes),
         "unread": list(reading.unread),
         **as_document(reading.tracks),
-        "ill_conditioned": condition_of(reading.tracks),
+        "ill_conditioned": reading.tracks.metadata.get("ill_conditioned", []),
     }
     if arguments.json:
         print_json(document)

@@ -2,13 +2,11 @@
 """Progress on standard error: a bar on a terminal, plain lines everywhere else."""
 
 import contextlib
+import os
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from typing import Protocol, TypeVar
-
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from asglight.cli.printing import counted, duration, percent
 from asglight.shots.events import (
@@ -22,6 +20,9 @@ from asglight.shots.events import (
     Started,
     StepDone,
 )
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
 
 STEP_LINE_SECONDS = 30.0
 """Between two lines about slow work: often enough to see that it lives, few in a log."""
@@ -47,6 +48,13 @@ class Reporter(Protocol):
 @contextlib.contextmanager
 def reporter() -> Iterator[Reporter]:
     """Open the reporter that suits standard error."""
+    # what rich asks; it is not loaded for a log
+    if not (sys.stderr.isatty() or {"FORCE_COLOR", "TTY_COMPATIBLE"} & os.environ.keys()):
+        yield Lines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
     console = Console(stderr=True)
     if not console.is_terminal:
         yield Lines()
@@ -106,7 +114,7 @@ class Lines:
 class Bar:
     """A bar for each kind of work."""
 
-    def __init__(self, progress: Progress) -> None:
+    def __init__(self, progress: "Progress") -> None:
         """Draw on a running rich progress."""
         self._progress = progress
         self._fit: TaskID | None = None

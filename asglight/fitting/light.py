@@ -4,7 +4,6 @@
 from dataclasses import replace
 
 import numpy as np
-import scipy.optimize
 import torch
 from torch import Tensor
 
@@ -144,6 +143,8 @@ def _non_negative(gram: Tensor, right: Tensor, near: Tensor) -> Tensor:
         right: b.  [N, 3]
         near: The amplitudes so far.  [N, 3]
     """
+    from scipy.optimize import nnls  # a third of a second to load
+
     matrix, wanted, before = (each.cpu().numpy() for each in (gram, right, near))
     scale = 1 / np.sqrt(matrix.diagonal().clip(min=1e-300))  # to unit diagonal
     scaled = matrix * scale[:, None] * scale
@@ -155,7 +156,7 @@ def _non_negative(gram: Tensor, right: Tensor, near: Tensor) -> Tensor:
     pulled = wanted * scale[:, None] + ridge * before / scale[:, None]
     # scipy's triangular solution wakes threads, which stay awake and take a core each
     target = np.linalg.solve(factor, pulled)
-    solved = [scipy.optimize.nnls(factor.T, column)[0] for column in target.T]
+    solved = [nnls(factor.T, column)[0] for column in target.T]
     return torch.from_numpy(np.stack(solved, axis=-1) * scale[:, None]).to(gram)
 
 

@@ -13,9 +13,7 @@ from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
-import scipy.sparse
 import torch
-from scipy.optimize import linear_sum_assignment, linprog
 from torch import Tensor
 
 from asglight.fitting import temporal
@@ -158,6 +156,9 @@ class _Network:
 
         A vertex of the program is integral, for its matrix is that of a network.
         """
+        import scipy.sparse  # a third of a second to load
+        from scipy.optimize import linprog
+
         edges, nodes = len(self._costs), list(self._nodes)
         ends = np.array([self._from, self._to])
         signs = np.repeat([[1.0], [-1.0]], edges, axis=1)
@@ -198,6 +199,8 @@ def _order(ways: Tensor) -> Tensor:
     Args:
         ways: Tracks in frames whose lobes were followed.  [F', N]
     """
+    from scipy.optimize import linear_sum_assignment
+
     count = ways.shape[-1]
     alike = (ways[..., None] == torch.arange(count)).sum(0)  # [track, lobe]
     track, lobe = linear_sum_assignment(-alike.numpy())

@@ -4,7 +4,6 @@
 import math
 
 import torch
-from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from asglight.lobes import asg
@@ -20,6 +19,8 @@ def matched(lobes: Lobes, before: Lobes, far: float = math.pi) -> Lobes:
         far: Radians from which it does not count how far: the lobe is another lobe then, and the
             others are not to turn for its sake.
     """
+    from scipy.optimize import linear_sum_assignment  # a third of a second to load
+
     turned = torch.acos((before.axis_z @ lobes.axis_z.mT).clamp(-1, 1))  # [N, N]
     cost = turned.clamp(max=far) * torch.maximum(
         flux_shares(before)[:, None], flux_shares(lobes)[None, :]

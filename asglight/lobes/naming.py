@@ -11,7 +11,6 @@ name of what is gone is not given to another light.
 from dataclasses import replace
 
 import torch
-from scipy.optimize import linear_sum_assignment
 
 from asglight.lobes import asg
 from asglight.lobes.data import LobeTracks, first_unused, lobe_names
@@ -54,6 +53,8 @@ def _same_lobes(tracks: LobeTracks, earlier: LobeTracks) -> dict[int, int] | Non
     common = sorted(set(tracks.frames) & set(earlier.frames))
     if not common or tracks.lobes.form is not earlier.lobes.form:
         return None
+    from scipy.optimize import linear_sum_assignment  # a third of a second to load
+
     step = -(-len(common) // FRAMES_MAX)
     before, after = (
         one.lobes[torch.tensor([one.frames.index(frame) for frame in common[::step]])].to(

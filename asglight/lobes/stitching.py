@@ -28,7 +28,6 @@ from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import torch
-from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from asglight.errors import InputError
@@ -275,6 +274,8 @@ def _reversed(lobes: Lobes) -> Lobes:
 
 def _same_lobes(seam: _Seam) -> dict[int, int]:
     """Return which lobe of the later part each lobe of the earlier one goes on as."""
+    from scipy.optimize import linear_sum_assignment  # a third of a second to load
+
     before, after, overlap = seam
     count = max(overlap, 1)  # parts that only touch are compared across the seam
     last, first = before[len(before.axes) - count :], after[:count]

@@ -20,6 +20,7 @@ from asglight.images.sequence import Missing
 from asglight.lobes import Form, LobeTracks
 from asglight.lobes.naming import named_as
 from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
+from asglight.shots.conditioning import with_condition
 from asglight.shots.events import Notice, OnProgress, ignore
 from asglight.shots.kept_frames import SUFFIX as FRAMES_SUFFIX
 from asglight.shots.kept_frames import KeptFrames
@@ -34,6 +35,7 @@ from asglight.shots.settings import (
     settings_of,
 )
 from asglight.shots.tracks import tracks_from
+from asglight.threads import load_ahead
 from asglight.usd.options import StageOptions, check_stage_options
 
 if TYPE_CHECKING:
@@ -129,9 +131,10 @@ def fit_shot(
     ):
         _check_unchanged(sequence, checkpoint)
         _tell_state(checkpoint, on_progress)
+        load_ahead("scipy.optimize", "asglight.usd.write.stage_file")
         shot = fitted_shot(sequence, options, checkpoint, images, on_progress, followed)
         tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
-        tracks = named_as(tracks, earlier) if earlier else tracks
+        tracks = with_condition(named_as(tracks, earlier) if earlier else tracks)
         written = write_stage(tracks, output, stage)
         images.remove()
         checkpoint.remove()
@@ -207,7 +210,7 @@ def fit_sequence(
     options = options.settled(len(sequence.frames))
     with KeptFrames(sequence, is_needed=is_read_again(options)) as images:
         shot = fitted_shot(sequence, options, InMemory(), images, on_progress)
-    return tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
+    return with_condition(tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy))
 
 
 def write_stage(tracks: LobeTracks, output: str | Path, options: StageOptions) -> "WriteReport":

@@ -112,6 +112,10 @@ class Elsewhere:
         tally = reply["tally"]
         return result, Tally(**tally | {"first": tally["first"] and tuple(tally["first"])})
 
+    def prepare(self) -> None:
+        """Start a process for the first image, while the caller loads what it needs for others."""
+        self._put(self._take())
+
     def close(self) -> None:
         """End the processes that wait."""
         with self._lock:

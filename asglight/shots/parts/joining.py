@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.lobes.stitching import stitched
+from asglight.shots.conditioning import with_condition
 
 if TYPE_CHECKING:
     from asglight.usd import WriteReport
@@ -58,7 +59,7 @@ def join(
     tracks = stitched([part for part, _ in parts], [shown(file) for _, file in parts])
     account = [row for part, file in parts for row in part_rows(part, file)]
     metadata = {name: tracks.metadata[name] for name in tracks.metadata if name not in OF_FRAMES}
-    tracks = replace(tracks, metadata=metadata | {"parts": account})
+    tracks = with_condition(replace(tracks, metadata=metadata | {"parts": account}))
     options = replace(read_options(parts[0][1]), **given)
     return Joined(tracks, write_usd(tracks, output, **vars(options)))
 
