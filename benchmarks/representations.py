@@ -102,8 +102,9 @@ def of_maps(maps: Path, form: Form, folder: Path) -> Iterator[Case]:
 def written(tracks: LobeTracks, folder: Path, stem: str) -> dict[str, Way]:
     """Write the stages that hold the representations of some tracks."""
     plain, options = folder / f"{stem}.usda", folder / f"{stem}-options.usda"
-    write_usd(tracks, plain)
-    write_usd(tracks, options, distant_lights=3, card_texture=True)
+    every = tuple(Representation)
+    write_usd(tracks, plain, representations=every)
+    write_usd(tracks, options, representations=every, distant_lights=3, card_texture=True)
     return {
         "cards": Way(plain, Representation.CARDS),
         "cards, texture": Way(options, Representation.CARDS),

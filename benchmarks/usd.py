@@ -19,13 +19,16 @@ from pathlib import Path
 from pxr import Usd
 
 from asglight.lobes import LobeTracks
-from asglight.usd import StageOptions, lint_stage, read_usd
+from asglight.usd import Representation, StageOptions, lint_stage, read_usd
 from asglight.usd.lights import cards
 from asglight.usd.spaces import Space
 from asglight.usd.write import layer, staging
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 from usd_tracks import moving
+
+BOTH = StageOptions(representations=(Representation.CARDS, Representation.DISTANT))
+"""Both kinds of light, the most that a stage holds of numbers."""
 
 IMAGES = 8
 """Frames of the dome that are written to learn what one costs."""
@@ -52,11 +55,12 @@ def main() -> None:
 
 def row(tracks: LobeTracks, path: Path, repeats: int) -> str:
     """Write, check, open and read one stage."""
-    images = layer.Images([f"./shot_dome/shot.{frame}.exr" for frame in tracks.frames])
+    fill = [f"./shot_dome/shot.fill.{frame}.exr" for frame in tracks.frames]
+    images = layer.Images(fill=fill)
 
     def write() -> None:
         kinds = cards.kinds(tracks.lobes)
-        staging.export(layer.build(tracks, StageOptions(), images, path.name, kinds)[0], path)
+        staging.export(layer.build(tracks, BOTH, images, path.name, kinds)[0], path)
 
     seconds = least(write, repeats)
     size = path.stat().st_size

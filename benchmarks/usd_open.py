@@ -37,17 +37,16 @@ def opened(path: Path) -> list[str]:
     """Return what is wrong with a stage in any of its variants."""
     stage = Usd.Stage.Open(str(path))
     stage.SetEditTarget(stage.GetSessionLayer())
-    rig = next((prim for prim in stage.Traverse() if prim.HasVariantSets()), None)
-    if rig is None:
-        return [f"{path.name}: no variants"]
     found = []
-    variants = rig.GetVariantSet("representation")
-    for name in variants.GetVariantNames():
-        variants.SetVariantSelection(name)
+    holders = [prim for prim in stage.Traverse() if prim.HasVariantSets()]
+    variants = holders[0].GetVariantSet("representation") if holders else None
+    for name in variants.GetVariantNames() if variants else ["its only representation"]:
+        if variants:
+            variants.SetVariantSelection(name)
         lights = [prim for prim in stage.Traverse() if prim.GetTypeName().endswith("Light")]
         if not lights:
             found.append(f"{path.name}: no light in {name}")
-        for prim in Usd.PrimRange(rig):
+        for prim in stage.Traverse():
             for attribute in prim.GetAuthoredAttributes():
                 found += values(path, attribute)
     return found

@@ -21,13 +21,14 @@ from asglight.shots import fit_shot
 from asglight.usd import Representation, StageOptions, lint_stage, write_edit_layer, write_usd
 from asglight.usd.read.read_options import read_options
 from asglight.usd.read.tracks import read_usd
+from asglight.usd.stage import held_representations, show
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 from usd_tracks import moving, of_every_kind
 
 FRAMES = (1001, 1002, 1005)
 EVERYTHING = StageOptions(
-    *("distant", 50.0, 8, 0.01, "Z", "/World/Lights/Env", "ACEScg"),
+    *(("distant", "cards", "dome"), 50.0, 8, 0.01, "Z", "/World/Lights/Env", "ACEScg"),
     distant_lights=3,
     card_texture=True,
 )
@@ -42,7 +43,8 @@ def main() -> None:
     for form in Form:
         for representation in Representation:
             path = folder / f"{form}-{representation}.usda"
-            write_usd(moving(FRAMES, form=form), path, representation=representation, dome_height=8)
+            alone = (str(representation),)
+            write_usd(moving(FRAMES, form=form), path, representations=alone, dome_height=8)
         tracks = of_every_kind(FRAMES, form)
         write_usd(tracks, folder / f"{form}-texture.usda", dome_height=8, card_texture=True)
     for suffix in ("usda", "usdc", "usd", "usdz"):
@@ -70,15 +72,15 @@ def fitted(folder: Path, preset: Preset) -> None:
 
 
 def checked(path: Path) -> list[str]:
-    """Return what USD's validators and the own lint find in every variant."""
+    """Return what USD's validators and the own lint find in every representation."""
     found = lint_stage(path)
     primary = read_options(path).primary_path
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     stage = Usd.Stage.Open(str(path))
     stage.SetEditTarget(stage.GetSessionLayer())
-    variants = stage.GetPrimAtPath(primary).GetVariantSet("representation")
-    for representation in Representation:
-        variants.SetVariantSelection(str(representation))
+    rig = stage.GetPrimAtPath(primary)
+    for representation in held_representations(rig):
+        show(rig, representation)
         errors = UsdValidation.ValidationContext(validators).Validate(stage)
         found += [error.GetErrorAsString() for error in errors]
     return [f"{path.name}: {text}" for text in found]

@@ -14,7 +14,7 @@ from asglight.images import open_sequence, read_latlong, write_exr
 from asglight.lobes import Lobes, LobeTracks
 from asglight.shots import fit_shot
 from asglight.sky import SkyConfig, radiance
-from asglight.usd import read_usd, write_usd
+from asglight.usd import Representation, StageOptions, read_usd, write_usd
 
 SEQUENCES = ("day", "tunnel", "handheld")
 
@@ -89,12 +89,14 @@ def rows_of(image: Path) -> int:
 def _shot(name: str, folder: Path, count: int, output: Path) -> Shot:
     sequence = open_sequence(folder)
     stage = output / f"{name}-Y.usda"
-    fit_shot(folder, stage, FitOptions(preset=Preset.LIVE), resume=True)
+    every = tuple(map(str, Representation))
+    options = StageOptions(representations=every)
+    fit_shot(folder, stage, FitOptions(preset=Preset.LIVE), stage=options, resume=True)
     tracks = read_usd(stage)
     stages = {"Y": stage}
     for axis in UP_AXES[1:]:
         stages[axis] = output / f"{name}-{axis}.usda"
-        write_usd(tracks, stages[axis], up_axis=axis)
+        write_usd(tracks, stages[axis], representations=every, up_axis=axis)
     middle = len(tracks.frames) // 2
     chosen = [middle] if count == 1 else np.linspace(0, len(tracks.frames) - 1, count).round()
     frames = tuple(tracks.frames[int(index)] for index in chosen)

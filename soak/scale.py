@@ -28,7 +28,6 @@ from asglight.judging.memory import Peak, peak_memory
 from asglight.shots.events import FrameDone
 from asglight.shots.job import fit_shot
 from asglight.usd import read_usd
-from asglight.usd.options import StageOptions
 from soak.shot import write_shot
 
 HELD = 25
@@ -84,9 +83,7 @@ def long_shot(folder: Path, count: int) -> dict[str, Any]:
             seen["bytes"] = checkpoint.stat().st_size
 
     with peak_memory() as peak:
-        result = fit_shot(
-            source, stage, options, stage=StageOptions(dome_height=2), on_progress=watch
-        )
+        result = fit_shot(source, stage, options, on_progress=watch)
     assert len(result.records) == count
     return {
         "frames": count,
@@ -137,7 +134,7 @@ def many_lobes(folder: Path) -> dict[str, Any]:
     options = FitOptions(lobes=MANY, preset=Preset.LIVE)
     source, stage = folder / "sky.exr", folder / "shot.usdc"
     with peak_memory() as peak:
-        result = fit_shot(source, stage, options, stage=StageOptions(dome_height=64))
+        result = fit_shot(source, stage, options)
     lobes = read_usd(stage).lobes
     for part in (lobes.axes, lobes.sharpness, lobes.amplitude):
         assert bool(torch.isfinite(part).all())

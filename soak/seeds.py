@@ -66,7 +66,7 @@ def write_corpus(folder: Path) -> None:
             write_usd(
                 shot,
                 folder / f"{representation}.{suffix}",
-                representation=representation,
+                representations=(representation, "dome"),
                 dome_height=2,
             )
     write_json(folder / "tracks.json", shot, shot.names)

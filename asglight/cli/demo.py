@@ -138,10 +138,12 @@ def maps_at(
 
 def written_files(folder: Path, sequence: Sequence) -> dict[str, Any]:
     """Return what was written, with what each file is."""
+    fill = folder / "demo_dome"
+    broad = {str(fill): "the images of its broad lobes"} if fill.is_dir() else {}
     return {
         sequence.pattern: f"the environment, {len(sequence)} frames",
         str(folder / "demo.usda"): "the lights: open it in usdview, Blender or Houdini",
-        str(folder / "demo_dome"): "the images of its dome, one of three representations",
+        **broad,
         str(folder / "contact-sheet.png"): "environment, lobes and difference over time",
         str(folder / "balls.png"): "balls of five roughnesses under the environment and the lights",
     }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`asglight export`: a stage's lobes for engines, as JSON or GLSL, or as the arrays of peers."""
+"""`asglight export`: a stage's lobes for engines and peers; more representations of a stage."""
 
 import argparse
 from dataclasses import replace
@@ -10,11 +10,14 @@ from asglight.cli.parser import add_follow_option, add_rig_option
 from asglight.cli.printing import counted, frame_range, size
 from asglight.errors import InputError
 from asglight.export import SgLayout
+from asglight.images.message import shown
 from asglight.lobes import Form, Lobes, LobeTracks
+from asglight.usd.options import Representation
 
 EXAMPLE = (
     "asglight export shot.usda --to glsl --frame 1001 -o environment.glsl\n"
-    "         asglight export shot.usda --to physg --frame 1001 -o lights.npy"
+    "         asglight export shot.usda --to physg --frame 1001 -o lights.npy\n"
+    "         asglight export shot.usda --to dome"
 )
 
 _OTHER_FILES = (".usd", ".usda", ".usdc", ".usdz", ".exr", ".hdr", ".f32")
@@ -28,10 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     formats = (
         "json: lobe tracks as data; glsl: functions that shade with the lobes, as an include; "
         "physg, nerd: the .npy array of spherical Gaussians that the program reads, [N, 7] of one "
-        "frame, [F, N, 7] of several"
+        "frame, [F, N, 7] of several; cards, distant, dome: the stage with this representation too"
     )
-    add("--to", required=True, choices=("json", "glsl", *map(str, SgLayout)), help=formats)
-    add("-o", "--output", required=True, type=Path, metavar="FILE", help="file to write")
+    kinds = ("json", "glsl", *map(str, SgLayout), *map(str, Representation))
+    add("--to", required=True, choices=kinds, help=formats)
+    target = "file to write; of a representation a stage (default: STAGE itself)"
+    add("-o", "--output", type=Path, metavar="FILE", help=target)
     frames = (
         "frames, such as 1001 or 1001-1048 (default: all); glsl of one frame has the lobes as "
         "constants, of several as a uniform block that FILE with the suffix .f32 fills"
@@ -43,10 +48,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read a stage, write what was asked for and say what it is."""
+    if arguments.to in set(Representation):
+        return _represent(arguments)
+    if arguments.output is None:
+        raise InputError(f"output: none for {arguments.to}; expected a file. Add -o FILE.")
     output: Path = arguments.output
     _check_output(output, arguments.to)
     from asglight.export import write_glsl, write_json, write_sg_array
-    from asglight.images.message import shown
     from asglight.usd import read_stage
 
     reading = read_stage(arguments.stage, arguments.rig)
@@ -69,6 +77,24 @@ def run(arguments: argparse.Namespace) -> int:
     if written is not tracks.lobes:
         _print_loss(tracks.lobes, written)
     warn_of_unread(arguments.stage, reading)
+    return 0
+
+
+def _represent(arguments: argparse.Namespace) -> int:
+    """Write a stage with one more representation and say what it holds."""
+    if arguments.frames is not None:
+        raise InputError(
+            f"frames: {shown(arguments.frames)} with --to {arguments.to}, which is of all frames; "
+            "expected none."
+        )
+    from asglight.usd import add_representations
+    from asglight.usd.read.read_options import read_options
+
+    report = add_representations(arguments.stage, [arguments.to], arguments.output)
+    target = report.files[0]
+    held = ", ".join(read_options(target).representations)
+    count = counted(len(report.files) - 1, "image")
+    print(f"{shown(target)}: {held}; {count}, {size(report.bytes)}")
     return 0
 
 

@@ -32,7 +32,7 @@ from asglight.images.account import image_line
 from asglight.images.sequence import Missing
 from asglight.shots import ShotResult, fit_shot
 from asglight.shots.tracks import repairs_of
-from asglight.usd.options import StageOptions
+from asglight.usd.options import Representation, StageOptions
 
 EXAMPLE = f"""asglight fit sky.####.exr -o sky.usda --frames 1001-1048 --resume
 names kept: asglight fit sky.####.exr -o sky.v2.usdz --names-from sky.v1.usdz --colorspace ACEScg
@@ -167,6 +167,7 @@ def as_document(result: ShotResult, output: str) -> dict[str, Any]:
         ),
         "preset": metadata["preset"],
         "form": str(result.tracks.lobes.form),
+        "representations": list(result.representations),
         "fps": result.tracks.fps,
         "resumed": result.resumed,
         "seconds": sum(record.seconds for record in result.records),
@@ -186,6 +187,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
         f"{document['output']}: {counted(document['lobes'], 'lobe')} of form {document['form']}, "
         f"{counted(len(frames), 'frame')} ({numbers}) at {document['fps']:g} fps, "
         f"{size(document['bytes'])}, fitted in {duration(document['seconds'])}",
+        written_line(document),
         f"flux error: at most {percent(worst['flux_error'])} (frame {worst['frame']})",
     ]
     if document["resumed"]:
@@ -194,3 +196,12 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
     lines += condition_lines(document["ill_conditioned"])
     lines += [image_line(document["image"]), repair_line(document["repairs"])]
     return [line for line in lines if line]
+
+
+def written_line(document: dict[str, Any]) -> str:
+    """Return what the lobes were written as, and how the images of a dome come to be."""
+    held = document["representations"]
+    line = f"written as: {', '.join(held)}"
+    if Representation.DOME in held:
+        return line
+    return f"{line}; images of a dome on demand: asglight export {document['output']} --to dome"

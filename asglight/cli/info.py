@@ -46,13 +46,15 @@ def run(arguments: argparse.Namespace) -> int:
     for option in given(read_options(arguments)):
         raise InputError(f"{option}: given with a stage; expected it with images only.")
     from asglight.usd import read_stage
-    from asglight.usd.stage import representation_of
+    from asglight.usd.stage import representations_of
 
+    shown, held = representations_of(arguments.stage, arguments.rig)
     reading = read_stage(arguments.stage, arguments.rig)
     document = {
         "stage": arguments.stage,
         "bytes": os.path.getsize(arguments.stage),
-        "representation": representation_of(arguments.stage, arguments.rig),
+        "representation": shown,
+        "representations": held,
         "changes": list(reading.changes),
         "unread": list(reading.unread),
         **as_document(reading.tracks),
@@ -120,7 +122,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
         f"{document['stage']}: {counted(len(document['lobes']), 'lobe')} of form "
         f"{document['form']}, {counted(len(frames), 'frame')} ({frame_range(frames)}) at "
         f"{document['fps']:g} fps, {size(document['bytes'])}",
-        f"representation: {document['representation'] or 'none chosen'}",
+        representation_line(document),
     ]
     if "preset" in metadata:
         lines.append(
@@ -141,6 +143,14 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
     lines += [] if image is None else [image_line(image), *warning_lines(image)]
     lines += [repair_line(metadata["repairs"])] if "repairs" in metadata else []
     return [line for line in lines if line]
+
+
+def representation_line(document: Mapping[str, Any]) -> str:
+    """Return which lights the stage shows, and which others it holds."""
+    shown = document["representation"]
+    others = [name for name in document["representations"] if name != shown]
+    also = f" (also {', '.join(others)})" if others else ""
+    return f"representation: {shown or 'none chosen'}{also}"
 
 
 def part_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:

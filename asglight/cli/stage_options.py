@@ -5,7 +5,14 @@ import argparse
 from dataclasses import fields
 from typing import Any
 
-from asglight.usd.options import DISTANT_LIGHTS, UP_AXES, Representation, StageOptions
+from asglight.errors import InputError
+from asglight.usd.options import (
+    DISTANT_LIGHTS,
+    UP_AXES,
+    Representation,
+    StageOptions,
+    parse_representations,
+)
 
 OUTPUT = "stage: .usda, .usdc or .usd, or .usdz, a package with its images"
 
@@ -22,10 +29,18 @@ def add_stage_options(parser: argparse.ArgumentParser, kept: str | None = None) 
         return f"(default: {kept or value})"
 
     add = parser.add_argument_group("the stage").add_argument
-    shown = [str(representation) for representation in Representation]
     usual = StageOptions()
-    variant = "variant that the stage opens with; it holds all"
-    add("--representation", choices=shown, help=f"{variant} {default(usual.representation)}")
+    held = (
+        f"what the lobes are written as: some of {', '.join(Representation)}, the one that the "
+        "stage opens with first; several become variants; the images of dome are written only here "
+        "and by asglight export --to dome"
+    )
+    add(
+        "--representations",
+        type=_representations,
+        metavar="LIST",
+        help=f"{held} {default(','.join(usual.representations))}",
+    )
     path = "prim that holds the lobes, such as /World/Lights/Env"
     add("--primary-path", metavar="PATH", help=f"{path} {default(usual.primary_path)}")
     add("--up-axis", choices=UP_AXES, help=f"axis that is up {default(usual.up_axis)}")
@@ -40,7 +55,7 @@ def add_stage_options(parser: argparse.ArgumentParser, kept: str | None = None) 
     add("--distance", type=float, metavar="LENGTH", help=f"{far} {default('1000 m')}")
     space = "linear space of the stage's colours, such as ACEScg, Rec.2020 or P3-D65"
     add("--colorspace", metavar="NAME", help=f"{space} {default('Rec.709')}")
-    many = "lights of an anisotropic lobe in the variant distant"
+    many = "lights of an anisotropic lobe in distant"
     add(
         "--distant-lights",
         type=int,
@@ -54,6 +69,13 @@ def add_stage_options(parser: argparse.ArgumentParser, kept: str | None = None) 
     )
     rows = "rows of the images of the dome"
     add("--dome-height", type=int, metavar="ROWS", help=f"{rows} {default(usual.dome_height)}")
+
+
+def _representations(text: str) -> tuple[str, ...]:
+    try:
+        return parse_representations(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error).removeprefix("representations: ")) from None
 
 
 def given_stage_options(arguments: argparse.Namespace) -> dict[str, Any]:

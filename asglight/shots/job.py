@@ -6,6 +6,8 @@ new one, and the frames fitted so far are kept beside it (checkpoint.py). `fit_s
 fit in memory.
 """
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,7 +37,7 @@ from asglight.shots.settings import (
     settings_of,
 )
 from asglight.shots.tracks import tracks_from
-from asglight.threads import load_ahead
+from asglight.threads import load_ahead, one_thread
 from asglight.usd.options import StageOptions, check_stage_options
 
 if TYPE_CHECKING:
@@ -51,12 +53,14 @@ class ShotResult:
         records: Every frame with its loss, repair and time.
         resumed: How many frames came from an earlier run.
         written: What was written.
+        representations: What the lobes were written as.
     """
 
     tracks: LobeTracks
     records: tuple[FrameRecord, ...]
     resumed: int
     written: "WriteReport"
+    representations: tuple[str, ...]
 
 
 def fit_shot(
@@ -104,7 +108,7 @@ def fit_shot(
     check_fps(fps)
     check_output(output)
     check_stage_options(stage)
-    earlier = _earlier(output, names_from, on_progress)
+    earlier = _named_stage(output, names_from)
     sequence = open_sequence(
         source,
         frames=frames,
@@ -133,12 +137,13 @@ def fit_shot(
         _tell_state(checkpoint, on_progress)
         load_ahead("scipy.optimize", "asglight.usd.write.stage_file")
         shot = fitted_shot(sequence, options, checkpoint, images, on_progress, followed)
-        tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
-        tracks = with_condition(named_as(tracks, earlier) if earlier else tracks)
-        written = write_stage(tracks, output, stage)
+        with one_thread():  # numbers so small that threads of torch would wait for each other
+            tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
+            tracks = with_condition(_named(tracks, earlier(), on_progress))
+            written = write_stage(tracks, output, stage)
         images.remove()
         checkpoint.remove()
-    return ShotResult(tracks, tuple(shot.records), shot.resumed, written)
+    return ShotResult(tracks, tuple(shot.records), shot.resumed, written, stage.representations)
 
 
 def fit_sequence(
@@ -220,21 +225,48 @@ def write_stage(tracks: LobeTracks, output: str | Path, options: StageOptions) -
     return write_usd(tracks, output, **vars(options))
 
 
-def _earlier(
-    output: Path, names_from: str | Path | None, on_progress: OnProgress
-) -> LobeTracks | None:
-    """Read the stage whose names are kept; one that is merely in the way may be anything."""
-    if names_from is None and not output.exists():
-        return None
+def _named_stage(
+    output: Path, names_from: str | Path | None
+) -> Callable[[], LobeTracks | InputError | None]:
+    """Return what gives the stage whose names are kept, and None or why it cannot be read.
+
+    The one that was asked for is read at once. One that is merely in the way may be anything, and
+    is read beside the fit.
+
+    Raises:
+        InputError: The stage that was asked for cannot be read.
+    """
+    if names_from is not None:
+        from asglight.usd import read_usd
+
+        asked = read_usd(names_from)
+        return lambda: asked
+    if not output.exists():
+        return lambda: None
+    reading = ThreadPoolExecutor(1, "asglight-names")
+    found = reading.submit(_read, output)
+    reading.shutdown(wait=False)
+    return found.result
+
+
+def _read(stage: Path) -> LobeTracks | InputError:
+    """Read a stage; return why it cannot be read."""
     from asglight.usd import read_usd
 
-    if names_from is not None:
-        return read_usd(names_from)
     try:
-        return read_usd(output)
+        return read_usd(stage)
     except InputError as error:
-        on_progress(Notice(f"{error} Lights are named anew"))
-        return None
+        return error
+
+
+def _named(
+    tracks: LobeTracks, earlier: LobeTracks | InputError | None, on_progress: OnProgress
+) -> LobeTracks:
+    """Return tracks with the names of an earlier stage, if it could be read."""
+    if isinstance(earlier, InputError):
+        on_progress(Notice(f"{earlier} Lights are named anew"))
+        return tracks
+    return tracks if earlier is None else named_as(tracks, earlier)
 
 
 def _check_unchanged(sequence: Sequence, checkpoint: Checkpoint) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from asglight.usd.read.tracks import Reading, read_stage, read_usd
     from asglight.usd.schema import SCHEMA_FOLDER
     from asglight.usd.write.edit_layer import write_edit_layer
+    from asglight.usd.write.representing import add_representations
     from asglight.usd.write.stage_file import write_usd
     from asglight.usd.write.staging import WriteReport
 
@@ -29,6 +30,7 @@ __all__ = [
     "Representation",
     "StageOptions",
     "WriteReport",
+    "add_representations",
     "check_stage_options",
     "lint_stage",
     "read_stage",
@@ -44,6 +46,7 @@ _HOME = {
     "check_stage_options": "options",
     "SCHEMA_FOLDER": "schema",
     "WriteReport": "write.staging",
+    "add_representations": "write.representing",
     "lint_stage": "check.lint",
     "Reading": "read.tracks",
     "read_stage": "read.tracks",

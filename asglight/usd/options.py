@@ -35,7 +35,7 @@ DISTANT_LIGHTS = (1, 3)
 
 
 class Representation(StrEnum):
-    """The three ways in which a stage shows the same lobes."""
+    """The ways in which a stage can show the same lobes."""
 
     CARDS = "cards"
     """Rectangular area lights of each lobe's flux and second moments; broad lobes in one dome."""
@@ -50,7 +50,8 @@ class StageOptions:
     """Options of a stage; `asglight.usd.write_usd` takes them by name.
 
     Attributes:
-        representation: The variant that the stage shows: `cards`, `distant` or `dome`.
+        representations: What the stage holds, the one that it opens with first: `cards`, `distant`,
+            `dome`. One alone is plain prims; several are the variants of a set.
         distance: Of the cards from the origin, in stage units; None for 1,000 m.
         dome_height: Rows of the dome's images; there are twice as many columns.
         meters_per_unit: Length of a stage unit.
@@ -61,7 +62,7 @@ class StageOptions:
         card_texture: Whether cards have a Gaussian texture where that is better.
     """
 
-    representation: str = Representation.CARDS
+    representations: tuple[str, ...] = (Representation.CARDS,)
     distance: float | None = None
     dome_height: int = DOME_HEIGHT
     meters_per_unit: float = 1.0
@@ -70,6 +71,16 @@ class StageOptions:
     colorspace: str = ocio.REC709
     distant_lights: int = 1
     card_texture: bool = False
+
+    @property
+    def shown(self) -> Representation:
+        """Return the representation that the stage opens with."""
+        return Representation(self.representations[0])
+
+    @property
+    def held(self) -> tuple[Representation, ...]:
+        """Return the representations in the order in which a stage has them."""
+        return tuple(one for one in Representation if one in self.representations)
 
     @property
     def card_distance(self) -> float:
@@ -104,11 +115,7 @@ def check_stage_options(options: StageOptions) -> None:
     Raises:
         InputError: One is out of range.
     """
-    if options.representation not in set(Representation):
-        raise InputError(
-            f"representation: {shown(options.representation)}; expected one of "
-            f"{', '.join(Representation)}."
-        )
+    _check_representations(options.representations)
     lengths = {"distance": options.distance, "meters per unit": options.meters_per_unit}
     for name, value in lengths.items():
         if value is not None and not (math.isfinite(value) and value > 0):
@@ -129,3 +136,23 @@ def check_stage_options(options: StageOptions) -> None:
             "/World/Lights/Env: names of letters, digits and _ that begin with no digit."
         )
     ocio.interop_id(options.colorspace)
+
+
+def parse_representations(text: str) -> tuple[str, ...]:
+    """Return the representations of a list such as `cards,dome`.
+
+    Raises:
+        InputError: One is not known, or named twice.
+    """
+    names = tuple(name.strip() for name in text.split(","))
+    _check_representations(names)
+    return names
+
+
+def _check_representations(names: tuple[str, ...]) -> None:
+    known = names and set(names) <= set(Representation)
+    if not known or len(set(names)) < len(names):
+        raise InputError(
+            f"representations: {shown(','.join(names)) or 'none'}; expected some of "
+            f"{', '.join(Representation)}, each once, such as cards,dome."
+        )

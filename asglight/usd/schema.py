@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The words of the stage: prim paths, attribute names and their types.
 
-    /AsgRig                 Xform; variant set `representation`; custom data `asglight`; or any
-                            other path, below Xforms
+    /AsgRig                 Xform; custom data `asglight`; with several representations the variant
+                            set `representation`; or any other path, below Xforms
     /AsgRig/Lobes/lobe_NN   the lobe: AsgLobeAPI and xformOp:orient, outside the variants
         cards               RectLight at (0, 0, distance) of the lobe frame if it is sharp, an
                             Xform with three of them if it is softer, a mere Xform if it is broad;
                             a RectLight with a texture where one was asked for
         distant             DistantLight, or an Xform with three of them
         dome                Xform: data only
-    /AsgRig/Fill            DomeLight of the broad lobes, in the variant cards only
-    /AsgRig/Dome            DomeLight of all lobes, in the variant dome only
+    /AsgRig/Fill            DomeLight of the broad lobes, in cards only
+    /AsgRig/Dome            DomeLight of all lobes, in dome only
+
+A stage of one representation has no variants: its lights are said where the lobes are, and the
+custom data names it.
 
 A light shines along its local -Z. A lobe of the bingham form shines from two sides: in `cards` and
 `distant` its prim is an Xform that holds lights for both, `front` (axis_z) and `back` (-axis_z).
@@ -35,10 +38,12 @@ VARIANT_SET = "representation"
 
 CUSTOM_DATA = "asglight"
 """Key of the custom data on the rig: {int version, string upAxis, double distance,
-int distantLights, bool cardTexture, string metadata (JSON), int[] frames}."""
+int distantLights, bool cardTexture, string representation, string metadata (JSON), int[] frames};
+the representation only where the rig has one alone."""
+REPRESENTATION = "representation"
 UP_AXIS, DISTANCE = "upAxis", "distance"
 DISTANT_LIGHTS, CARD_TEXTURE = "distantLights", "cardTexture"
-"""Keys there; the first is also that of the stage's own axis."""
+"""Keys there; `UP_AXIS` is also that of the stage's own axis."""
 DIGEST = "digest"
 """Key of the custom data on a lobe: {string digest} (asglight.usd.digest)."""
 

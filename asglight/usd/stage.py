@@ -139,27 +139,57 @@ def find_rig(stage: Usd.Stage) -> Usd.Prim | None:
     return next(iter(find_rigs(stage)), None)
 
 
-def representation_of(path: str | Path | Usd.Stage, rig: str | None = None) -> str | None:
-    """Return the representation that a stage opens with: the lights that a renderer sees.
+def held_representations(rig: Usd.Prim) -> tuple[Representation, ...]:
+    """Return the representations that a rig holds, in order: its variants, or its only one."""
+    names = rig.GetVariantSet(schema.VARIANT_SET).GetVariantNames()
+    if names:
+        return tuple(one for one in Representation if one in names)
+    alone = shown_representation(rig)
+    return (alone,) if alone else ()
+
+
+def show(rig: Usd.Prim, representation: Representation) -> None:
+    """Select a representation that a rig holds, at the edit target of its stage."""
+    variants = rig.GetVariantSet(schema.VARIANT_SET)
+    if variants.GetVariantNames() and variants.GetVariantSelection() != representation:
+        variants.SetVariantSelection(str(representation))
+
+
+def place_of(rig: Usd.Prim, representation: Representation) -> Sdf.Path:
+    """Return where a rig's lights of a representation are said: in its variant, or in the rig."""
+    path = rig.GetPath()
+    if not rig.GetVariantSet(schema.VARIANT_SET).GetVariantNames():
+        return path
+    return path.AppendVariantSelection(schema.VARIANT_SET, str(representation))
+
+
+def representations_of(
+    path: str | Path | Usd.Stage, rig: str | None = None
+) -> tuple[str | None, list[str]]:
+    """Return the representation that a stage opens with, and all that it holds, in their order.
 
     Raises:
         InputError: As `open_rig`.
     """
     stage, prim = open_rig(path, rig)  # the stage is kept: the rig dies with it
     with readable(stage):
-        return shown_representation(prim)
+        first = shown_representation(prim)
+        return str(first) if first else None, [str(one) for one in held_representations(prim)]
 
 
 def shown_representation(rig: Usd.Prim) -> Representation | None:
     """Return which representation a rig shows; None where it shows none.
 
-    That is the selected variant; of a rig without variants, as after flattening, what its lights
-    are.
+    That is the selected variant; of a rig without variants the only one that was written or, as
+    after flattening, what its lights are.
     """
     variants = rig.GetVariantSet(schema.VARIANT_SET)
     if variants.GetVariantNames():
         selected = variants.GetVariantSelection()
         return Representation(selected) if selected in set(Representation) else None
+    written = rig_data(rig).get(schema.REPRESENTATION)
+    if written in set(Representation):
+        return Representation(written)
     if child_of(rig, schema.DOME):
         return Representation.DOME
     kinds = {str(prim.GetTypeName()) for prim in prims_below(rig)}

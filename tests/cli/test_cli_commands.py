@@ -46,8 +46,11 @@ def test_fit_prints_progress_on_one_stream_and_the_result_on_the_other(
     assert err.count("\n") == 5
     assert err.startswith("frame 1001 (1/4)  loss ")
     assert err.endswith("refined 4/4\n")
-    first, second, *_ = out.splitlines()
+    first, kept, second, *_ = out.splitlines()
     assert first.startswith(f"{stage}: 2 lobes of form asg, 4 frames (1001-1004) at 23.976 fps, ")
+    assert kept == (
+        f"written as: cards; images of a dome on demand: asglight export {stage} --to dome"
+    )
     assert second.startswith("flux error: at most ")
     assert read_usd(stage).fps == pytest.approx(24000 / 1001)
 
@@ -100,18 +103,25 @@ def test_a_black_lobe_that_is_left_out_is_told(
 
 
 @pytest.mark.parametrize("representation", ["cards", "distant", "dome"])
-def test_the_representation_is_the_stage_selection(
+def test_the_stage_holds_the_representation_that_was_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], representation: str
 ) -> None:
     from pxr import Usd
 
     path = sky_files.write_frame(tmp_path / "a.exr", sky_files.sky(0))
     stage = str(tmp_path / "a.usda")
-    options = ["--lobes", "2", "--representation", representation]
+    options = ["--lobes", "2", "--representations", representation]
     assert main(["fit", str(path), "-o", stage, *options]) == 0
     opened = Usd.Stage.Open(stage)
-    variants = opened.GetDefaultPrim().GetVariantSets()
-    assert variants.GetVariantSelection("representation") == representation
+    assert not opened.GetDefaultPrim().HasVariantSets()
+    kinds = {
+        "cards": {"RectLight", "DomeLight"},
+        "distant": {"DistantLight"},
+        "dome": {"DomeLight"},
+    }
+    lights = {prim.GetTypeName() for prim in opened.Traverse() if "Light" in prim.GetTypeName()}
+    assert lights
+    assert lights <= kinds[representation]
     assert main(["info", stage]) == 0
     assert f"representation: {representation}\n" in capsys.readouterr().out
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from usd_tracks import contents, moving
+from usd_tracks import assert_same, contents, moving
 
 from asglight.cli.main import main
 from asglight.export import read_json
@@ -39,10 +39,28 @@ def test_json_holds_the_tracks_of_the_stage(stage: str, capsys: pytest.CaptureFi
 def test_json_names_the_lobes_as_the_stage_does(stage: str) -> None:
     path = Path(stage)
     # A lobe that was deactivated by hand is gone, and the others keep their names.
-    text = re.sub(r'(def "lobe_01" \()', r"\1\n active = false", path.read_text())
+    text = re.sub(r'(def \w+ "lobe_01" \()', r"\1\n active = false", path.read_text())
     path.write_text(text)
     assert main(["export", stage, "--to", "json", "-o", "out.json"]) == 0
     assert re.findall(r'"name":"(\w+)"', Path("out.json").read_text()) == ["lobe_00", "lobe_02"]
+
+
+def test_a_representation_is_added_to_the_stage(
+    stage: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = read_usd(stage)
+    assert main(["export", stage, "--to", "distant", "-o", "other.usda"]) == 0
+    assert main(["export", stage, "--to", "dome"]) == 0
+    other, same = capsys.readouterr().out.splitlines()
+    assert re.fullmatch(r"other\.usda: cards, distant; \d images?, [\d.]+ kB", other)
+    images = len(list(Path("shot_dome").glob("*.exr")))
+    assert same.startswith(f"shot.usda: cards, dome; {images} images, ")
+    assert Path("shot_dome", "shot.1004.exr").is_file()
+    assert not Path("other_dome", "other.1004.exr").exists()
+    assert_same(read_usd(stage), before)
+    capsys.readouterr()
+    assert main(["info", stage]) == 0
+    assert "representation: cards (also dome)\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("option", ["--frames", "--frame"])
@@ -89,7 +107,9 @@ def test_glsl_of_a_shot_has_a_file_with_its_frames(
 
 
 FAULTS = [
-    ("export", "required: STAGE, --to, -o/--output"),
+    ("export", "required: STAGE, --to"),
+    ("export shot.usda --to json", "output: none for json; expected a file. Add -o FILE"),
+    ("export shot.usda --to dome --frame 1001", "frames: 1001 with --to dome, which is of all fra"),
     ("export shot.usda -o a.json", "required: --to"),
     ("export shot.usda --to hlsl -o a.json", "--to: invalid choice: 'hlsl'"),
     ("export none.usda --to json -o a.json", "none.usda: no such file"),

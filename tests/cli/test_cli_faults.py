@@ -94,7 +94,7 @@ FAULTS = [
     (f"{FIT} --paper-steps 3", "--paper-steps: '3'; expected two whole numbers such as 24000,6000"),
     (f"{FIT} --paper-steps 3,2", "paper steps: given with --preset fast, which has none"),
     (f"{FIT} --preset paper --paper-steps 0,2", "paper steps: 0,2; expected two whole numbers"),
-    (f"{FIT} --representation cubes", "--representation: invalid choice: 'cubes'"),
+    (f"{FIT} --representations cubes", "--representations: cubes; expected some of cards, distant"),
     ("fit still.exr -o x.exr", "x.exr: its extension is .exr; expected .usda"),
     ("fit still.exr -o x", "x: its extension is missing"),
     ("fit still.exr -o folder.usda", "folder.usda: is a folder"),

@@ -13,7 +13,7 @@ import sky_files
 
 from asglight.cli.main import main
 
-OPTIONS = ("--lobes", "2", "--representation", "dome")
+OPTIONS = ("--lobes", "2", "--representations", "cards,dome")
 
 KILL = (
     "import os, signal\nfrom asglight.shots import checkpoint\nseen = []\n"

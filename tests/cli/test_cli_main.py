@@ -43,7 +43,7 @@ def test_the_help_of_fit_states_defaults_and_units(capsys: pytest.CaptureFixture
         "(default: asg)",
         "(default: 24000,6000)",
         "{error,hold,interpolate}",
-        "{cards,distant,dome}",
+        "some of cards, distant, dome",
     ):
         assert part in text
 

@@ -17,7 +17,7 @@ from asglight.usd.options import StageOptions
 from asglight.usd.read.read_options import read_options
 
 WORDS = {
-    "--representation": "distant",
+    "--representations": "distant,cards,dome",
     "--primary-path": "/World/Lights/Env",
     "--up-axis": "Z",
     "--meters-per-unit": "0.01",
@@ -27,7 +27,15 @@ WORDS = {
     "--distant-lights": "3",
 }
 OPTIONS = StageOptions(
-    "distant", 50.0, 16, 0.01, "Z", "/World/Lights/Env", "lin_ap1_scene", 3, card_texture=True
+    ("distant", "cards", "dome"),
+    50.0,
+    16,
+    0.01,
+    "Z",
+    "/World/Lights/Env",
+    "lin_ap1_scene",
+    3,
+    card_texture=True,
 )
 
 
@@ -74,8 +82,9 @@ def test_a_stitched_shot_is_written_as_its_first_part_or_as_asked_for(
     assert read_options(shot) == OPTIONS
     asked = ["--up-axis", "Y", "--distant-lights", "1", "--no-card-texture"]
     assert main(["stitch", *parts, "-o", shot, *asked, "--json"]) == 0
+    every = OPTIONS.representations
     assert read_options(shot) == StageOptions(
-        "distant", 50.0, 16, 0.01, "Y", "/World/Lights/Env", "lin_ap1_scene"
+        every, 50.0, 16, 0.01, "Y", "/World/Lights/Env", "lin_ap1_scene"
     )
 
 
@@ -86,7 +95,8 @@ def test_options_that_change_nothing_in_the_first_part_are_those_of_the_shot(
     parts = [str(tmp_path / f"part.{k}.usdc") for k in (1, 2)]
     fit = ["fit", str(images), "--form", "sg", "--lobes", "2", "--json"]
     for part, frames in zip(parts, ("1001-1003", "1002-1004"), strict=True):
-        assert main([*fit, "--frames", frames, "-o", part, "--distant-lights", "3"]) == 0
+        stage = ["--representations", "distant", "--distant-lights", "3"]
+        assert main([*fit, "--frames", frames, "-o", part, *stage]) == 0
     assert main(["stitch", *parts, "-o", str(tmp_path / "shot.usdc"), "--json"]) == 0
     assert read_options(tmp_path / "shot.usdc").distant_lights == 3
 
@@ -168,7 +178,7 @@ def test_info_and_view_say_what_another_program_edited(
     parts: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shot = str(tmp_path / "shot.usda")
-    distant = ["--representation", "distant"]  # a lobe is one light
+    distant = ["--representations", "distant"]  # a lobe is one light
     assert main(["stitch", parts[1], "-o", shot, "--json", *distant]) == 0
     stage = Usd.Stage.Open(shot)
     for index in (0, 1):

@@ -42,7 +42,7 @@ DAY = Path(__file__).resolve().parents[3] / "shared" / "sequences" / "day"
 def write_part(path: Path, start: int, stop: int, **changes: object) -> Path:
     frames, lobes = WHOLE.frames[start:stop], WHOLE.lobes[start:stop]
     tracks = replace(WHOLE, frames=frames, lobes=lobes)
-    write_usd(replace(tracks, **changes), path, dome_height=4, representation="distant")
+    write_usd(replace(tracks, **changes), path, representations=("distant", "cards"))
     return path
 
 
@@ -114,7 +114,7 @@ def test_the_stage_remembers_its_parts(
     assert not {"loss", "repairs"} & metadata.keys()  # true of a part only
     assert main(["info", output]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert "representation: distant" in lines
+    assert "representation: distant (also cards)" in lines
     assert "part part.3.usda: 1010-1012, 3 lobes" in lines
 
 

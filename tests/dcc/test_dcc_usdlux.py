@@ -8,13 +8,13 @@ import pytest
 import torch
 from pxr import Gf, Usd, UsdGeom, UsdLux
 from torch import Tensor
-from usd_tracks import moving
+from usd_tracks import moving, write_every
 
 from asglight.images import write_exr
 from asglight.lobes import Lobes, LobeTracks, asg
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
-from asglight.usd import Representation, write_usd
+from asglight.usd import Representation
 from asglight.usd.lights import distant
 from dcc import images, lobe_light, quadrature, scene, stages, usdlux
 from dcc.quadrature import Light
@@ -129,7 +129,7 @@ def test_an_unknown_light_is_refused(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("stage") / "shot.usda"
-    write_usd(moving(range(1001, 1005)), path, dome_height=256)
+    write_every(moving(range(1001, 1005)), path, dome_height=256)
     return path
 
 
@@ -163,7 +163,7 @@ def test_the_dome_is_fine_enough_for_a_sun(tmp_path: Path) -> None:
     """A ball that reflects over seven degrees shows the dome's sun as it shows the lobe."""
     axis = torch.nn.functional.normalize(torch.tensor([[0.3, 0.25, 0.92]]), dim=-1)
     sun = Lobes(axes_around(axis)[None], torch.full((1, 1, 2), 1e4), torch.full((1, 1, 3), 1e3))
-    write_usd(LobeTracks((1,), 24.0, sun), tmp_path / "sun.usda")
+    write_every(LobeTracks((1,), 24.0, sun), tmp_path / "sun.usda")
     layer = stages.at_frame(tmp_path / "sun.usda", 1, Representation.DOME, tmp_path / "layer.usda")
     lights = [lobe_light.light_of(sun[0]), usdlux.light_of(layer)]
     normals = torch.from_numpy(scene.normals(16, "front"))

@@ -3,6 +3,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,6 +12,7 @@ from pxr import Sdf
 from scipy.spatial.transform import Rotation
 
 from asglight.lobes import Form, Lobes, LobeTracks
+from asglight.usd import Representation, WriteReport, write_usd
 
 SHAPES = ((5.0, 2.0), (20.0, 5.0), (50.0, 2.0), (200.0, 20.0))
 METADATA = {
@@ -128,3 +130,11 @@ def assert_same(back: LobeTracks, tracks: LobeTracks) -> None:
     np.testing.assert_allclose(axis_z, wanted, atol=1e-6)
     if tracks.lobes.form is not Form.SG:  # an sg has no x and y of its own
         np.testing.assert_allclose(precision(back), precision(tracks), atol=2e-6)
+
+
+def write_every(
+    tracks: LobeTracks, path: Path | str, representation: str = "cards", **options: Any
+) -> WriteReport:
+    """Write a stage of every representation, which opens with one of them."""
+    others = (one for one in Representation if one != representation)
+    return write_usd(tracks, path, **{"representations": (representation, *others), **options})

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pxr import Usd, UsdLux
-from usd_tracks import moving
+from usd_tracks import moving, write_every
 
 from asglight.lobes import Form, LobeTracks
-from asglight.usd import write_usd
 
 FRAMES = (1001, 1002, 1003)
 Rgb = NDArray[np.float64]
@@ -84,7 +83,7 @@ def facing_irradiance(tracks: LobeTracks, frame: int) -> Rgb:
 def shot(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[LobeTracks, Usd.Stage]:
     """Return tracks and a stage of them that shows its distant lights."""
     tracks = moving(FRAMES, form=request.param)
-    write_usd(tracks, tmp_path / "shot.usda")
+    write_every(tracks, tmp_path / "shot.usda")
     stage = Usd.Stage.Open(str(tmp_path / "shot.usda"))
     stage.GetDefaultPrim().GetVariantSet("representation").SetVariantSelection("distant")
     return tracks, stage

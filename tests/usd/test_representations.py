@@ -7,12 +7,11 @@ import pytest
 import torch
 from bench_scripts import script
 from pxr import Gf, Usd, UsdGeom, UsdLux
-from usd_tracks import moving, still
+from usd_tracks import moving, still, write_every
 
 from asglight.images import write_exr
 from asglight.lobes import Form, asg
 from asglight.sphere import latlong
-from asglight.usd import write_usd
 from asglight.usd.lights import card_texture
 
 lights = script("representations_lights")
@@ -140,7 +139,7 @@ def test_a_map_is_fitted_and_measured_in_every_way(tmp_path, capsys):
 @pytest.mark.usefixtures("few_points")
 def test_a_stage_is_measured_in_its_first_middle_and_last_frame(tmp_path, capsys):
     stage = tmp_path / "shot.usda"
-    write_usd(moving(range(1, 6)), stage)
+    write_every(moving(range(1, 6)), stage)
     representations.main(["--stages", str(stage)])
     table = first_table(capsys.readouterr().out)
     assert list(table) == ["shot 1", "shot 3", "shot 5", "**mean**", "**worst**"]

@@ -12,12 +12,12 @@ import pytest
 import torch
 from pxr import Sdf, Usd, UsdValidation
 from scipy.spatial.transform import Rotation
-from usd_tracks import contents, edited, moving, of_every_kind, still
+from usd_tracks import contents, edited, moving, of_every_kind, still, write_every
 
 from asglight.errors import InputError
 from asglight.images import read_latlong
 from asglight.lobes import Form, LobeTracks
-from asglight.usd import Representation, lint_stage, read_usd, write_edit_layer, write_usd
+from asglight.usd import Representation, lint_stage, read_usd, write_edit_layer
 from asglight.usd.check import trust
 
 FRAMES = (1001, 1002, 1005, 1006, 1010)
@@ -77,7 +77,7 @@ def assert_same_value(name: str, value, wanted) -> None:
 def assert_shows_what_writing_shows(path: Path, tracks: LobeTracks, height: int = 8) -> None:
     """Compare with a stage that is written from the edited tracks, attribute by attribute."""
     direct = path.parent / "direct.usda"
-    write_usd(tracks, direct, distance=50.0, meters_per_unit=0.01, dome_height=height)
+    write_every(tracks, direct, distance=50.0, meters_per_unit=0.01, dome_height=height)
     for representation in Representation:
         found, wanted = shown(path, representation), shown(direct, representation)
         assert found.keys() == wanted.keys()
@@ -95,7 +95,9 @@ def assert_shows_what_writing_shows(path: Path, tracks: LobeTracks, height: int 
 
 def fit(folder: Path, form: Form = Form.ASG, name: str = "fit.usda") -> tuple[Path, LobeTracks]:
     path = folder / name
-    write_usd(of_every_kind(FRAMES, form), path, distance=50.0, meters_per_unit=0.01, dome_height=8)
+    write_every(
+        of_every_kind(FRAMES, form), path, distance=50.0, meters_per_unit=0.01, dome_height=8
+    )
     return path, read_usd(path)
 
 
@@ -154,7 +156,7 @@ def test_tracks_that_stand_still_can_be_made_to_move_and_back(tmp_path):
     tracks = moving(FRAMES)
     for values in (tracks.lobes.axes, tracks.lobes.sharpness, tracks.lobes.amplitude):
         values[:] = values[:1].clone()
-    write_usd(tracks, path, distance=50.0, meters_per_unit=0.01, dome_height=8)
+    write_every(tracks, path, distance=50.0, meters_per_unit=0.01, dome_height=8)
     tracks = read_usd(path)
     moved = changed(tracks, 0, slice(2, 3), "turn", "brighten", "sharpen")
     write_edit_layer(tmp_path / "moved.usda", path, moved, [0])
@@ -382,7 +384,7 @@ def test_a_full_disk_leaves_everything_as_it_was(tmp_path):
     folders = [tmp_path / "layer", tmp_path / "image"]
     for folder, height in zip(folders, (2, 64), strict=True):
         folder.mkdir()
-        write_usd(moving(range(40)), folder / "fit.usda", dome_height=height)
+        write_every(moving(range(40)), folder / "fit.usda", dome_height=height)
         after = changed(read_usd(folder / "fit.usda"), 0, slice(None), "turn")
         write_edit_layer(folder / "edit.usda", folder / "fit.usda", after, [0])
     before = contents(tmp_path)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 from pxr import Usd, UsdGeom, UsdLux
-from usd_tracks import moving
+from usd_tracks import moving, write_every
 
 from asglight.lobes import Form
-from asglight.usd import lint_stage, read_usd, write_edit_layer, write_usd
+from asglight.usd import lint_stage, read_usd, write_edit_layer
 
 
 def distants(path) -> dict[str, tuple]:
@@ -34,14 +34,14 @@ def distants(path) -> dict[str, tuple]:
 
 @pytest.mark.parametrize("form", [Form.ASG, Form.BINGHAM])
 def test_three_distant_lights_follow_an_edit(form, tmp_path):
-    write_usd(moving((1, 2, 3), form=form), tmp_path / "a.usda", dome_height=2, distant_lights=3)
+    write_every(moving((1, 2, 3), form=form), tmp_path / "a.usda", dome_height=2, distant_lights=3)
     tracks = read_usd(tmp_path / "a.usda")
     lobes = tracks.lobes.clone()
     lobes.sharpness[:, 1] *= torch.tensor([0.5, 3.0])
     lobes.amplitude[:, 1] *= 2
     after = replace(tracks, lobes=lobes)
     write_edit_layer(tmp_path / "edit.usda", tmp_path / "a.usda", after, [1])
-    write_usd(after, tmp_path / "direct.usda", dome_height=2, distant_lights=3)
+    write_every(after, tmp_path / "direct.usda", dome_height=2, distant_lights=3)
     assert lint_stage(tmp_path / "edit.usda") == []
     found, wanted = distants(tmp_path / "edit.usda"), distants(tmp_path / "direct.usda")
     assert len(found) == 2 * 3 * 3 * (2 if form is Form.BINGHAM else 1)

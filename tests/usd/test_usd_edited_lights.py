@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
-from usd_tracks import assert_same, moving, still
+from usd_tracks import assert_same, moving, still, write_every
 
 from asglight.errors import InputError
 from asglight.lobes import Form, LobeTracks
-from asglight.usd import Representation, lint_stage, read_stage, read_usd, write_usd
+from asglight.usd import Representation, lint_stage, read_stage, read_usd
 from asglight.usd.write.edit_layer import write_edit_layer
 
 FRAMES = (1001, 1002, 1005)
@@ -38,7 +38,7 @@ def edit(path: Path, change) -> Path:
 
 def written(folder: Path, form: Form = Form.ASG, **options) -> Path:
     path = folder / "shot.usda"
-    write_usd(tracks_of(form), path, **{"dome_height": 8, **options})
+    write_every(tracks_of(form), path, **{"dome_height": 8, **options})
     return path
 
 
@@ -69,7 +69,7 @@ def scale_samples(attribute: Usd.Attribute, factor: float | Gf.Vec3f) -> None:
 def test_a_stage_that_nobody_edited_has_no_changes(form, representation, up_axis, tmp_path):
     path = tmp_path / "shot.usda"
     tracks = moving(range(1001, 1040), form=form, jitter=0.02)
-    write_usd(tracks, path, representation=representation, up_axis=up_axis, dome_height=2)
+    write_every(tracks, path, representation=representation, up_axis=up_axis, dome_height=2)
     assert read_stage(path).changes == ()
     assert_same(read_usd(path), tracks)
 
@@ -139,7 +139,9 @@ def test_a_resized_light_is_the_lobe_that_writes_that_size(form, representation,
     reading = read_stage(over)
     (line,) = reading.changes
     assert all(f"{name[7:]} x {by:g}" in line for name, by in zip(names, factors, strict=True))
-    write_usd(reading.tracks, tmp_path / "anew.usda", representation=representation, dome_height=2)
+    write_every(
+        reading.tracks, tmp_path / "anew.usda", representation=representation, dome_height=2
+    )
     stages = [Usd.Stage.Open(str(file)) for file in (over, tmp_path / "anew.usda")]
     for pair in zip(*map(lights, stages), strict=True):
         for time in FRAMES:
@@ -337,7 +339,7 @@ def test_edits_are_absorbed_where_the_stage_is_written_anew(tmp_path):
     path = written(tmp_path)
     over = edit(path, lambda stage: scale_samples(light(stage).GetIntensityAttr(), 2.0))
     tracks = read_usd(over)
-    write_usd(tracks, tmp_path / "anew.usda", dome_height=2)
+    write_every(tracks, tmp_path / "anew.usda", dome_height=2)
     assert read_stage(tmp_path / "anew.usda").changes == ()
     assert lint_stage(tmp_path / "anew.usda") == []
     assert_same(read_usd(tmp_path / "anew.usda"), tracks)
@@ -347,13 +349,13 @@ def test_a_black_light_that_was_lit_is_lit(tmp_path):
     tracks = still()
     tracks.lobes.sharpness[0, 1] *= 500  # one card
     tracks.lobes.amplitude[0, 1] = 0
-    write_usd(tracks, tmp_path / "shot.usda", dome_height=2)
+    write_every(tracks, tmp_path / "shot.usda", dome_height=2)
     stage = Usd.Stage.Open(str(tmp_path / "shot.usda"))
     stage.GetPrimAtPath(LOBE).GetAttribute("inputs:intensity").Set(3.0)
     stage.GetRootLayer().Export(str(tmp_path / "lit.usda"))
     reading = read_stage(tmp_path / "lit.usda")
     assert reading.changes == (f"{LOBE}: light from 0 to 3",)
-    write_usd(reading.tracks, tmp_path / "anew.usda", dome_height=2)
+    write_every(reading.tracks, tmp_path / "anew.usda", dome_height=2)
     anew = Usd.Stage.Open(str(tmp_path / "anew.usda"))
     assert anew.GetPrimAtPath(LOBE).GetAttribute("inputs:intensity").Get() == pytest.approx(3.0)
 

@@ -11,12 +11,12 @@ import pytest
 import torch
 from pxr import Usd, UsdGeom, UsdUtils
 from shot_lights import irradiance, irradiance_of_lobes, relative_rms
-from usd_tracks import of_every_kind
+from usd_tracks import of_every_kind, write_every
 
 from asglight.cli.main import main
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks, asg
-from asglight.usd import Representation, read_stage, read_usd, write_edit_layer, write_usd
+from asglight.usd import Representation, read_stage, read_usd, write_edit_layer
 from asglight.usd.read.read_options import read_options
 
 FRAMES = (1001, 1002, 1003, 1004, 1005)
@@ -34,7 +34,7 @@ def rigs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("rigs")
     for axis in "YZ":
         path = folder / f"rig_{axis.lower()}.usda"
-        write_usd(of_every_kind(FRAMES), path, up_axis=axis, dome_height=64)
+        write_every(of_every_kind(FRAMES), path, up_axis=axis, dome_height=64)
     return folder
 
 
@@ -240,7 +240,7 @@ def test_it_does_so_in_every_representation(name, representation, folder):
 def test_lights_of_a_rig_scaled_unevenly_are_read_as_they_are_seen(body, representation, tmp_path):
     tracks = of_every_kind(FRAMES)
     tracks.lobes.sharpness[:] = torch.tensor([[400.0, 150.0], [60.0, 90.0], [5000.0, 9000.0]])
-    write_usd(tracks, tmp_path / "rig_y.usda", representation=representation, dome_height=8)
+    write_every(tracks, tmp_path / "rig_y.usda", representation=representation, dome_height=8)
     path = shot(tmp_path, body=body)
     # three cards of a lobe are taken together, and each is sheared in another way
     assert gap(path) < AS_WRITTEN["cards"] + 0.01
@@ -261,7 +261,7 @@ def test_a_layer_that_only_sublayers_a_rig_has_its_frames(folder):
 
 def test_frames_that_a_rig_lists_are_moved_with_it(tmp_path):
     twos = (1001, 1003, 1005, 1009)
-    write_usd(of_every_kind(twos), tmp_path / "rig_y.usda", dome_height=2)
+    write_every(of_every_kind(twos), tmp_path / "rig_y.usda", dome_height=2)
     arc = "prepend references = @./rig_y.usda@ (offset = -1000)"
     path = shot(tmp_path, arc, start=2, end=20)
     assert read_usd(path).frames == (3, 5, 9)
@@ -275,7 +275,7 @@ def test_a_flattened_shot_is_the_same(folder):
     Usd.Stage.Open(str(path)).Flatten().Export(str(flat))
     assert_alike(read_usd(flat), read_usd(path))
     twos = of_every_kind((1001, 1003, 1005))
-    write_usd(twos, folder / "rig_y.usda", dome_height=64)
+    write_every(twos, folder / "rig_y.usda", dome_height=64)
     Usd.Stage.Open(str(SHOTS["later and slower"](folder))).Flatten().Export(str(flat))
     assert read_usd(flat).frames == tuple(range(1000, 1013))  # its list is not moved with it
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 from pxr import Gf, Usd, UsdGeom, UsdLux
-from usd_tracks import assert_same, of_every_kind
+from usd_tracks import assert_same, of_every_kind, write_every
 
 from asglight.lobes import Form
-from asglight.usd import lint_stage, read_stage, read_usd, write_edit_layer, write_usd
+from asglight.usd import lint_stage, read_stage, read_usd, write_edit_layer
 from asglight.usd.read.read_options import read_options
 
 FRAMES = (1001, 1002, 1005)
@@ -23,7 +23,7 @@ PIECES = ("tall", "wide", "outer")
 
 def written(folder: Path, form: Form = Form.ASG, **options) -> Path:
     path = folder / "shot.usda"
-    write_usd(of_every_kind(FRAMES, form), path, **{"dome_height": 8, **options})
+    write_every(of_every_kind(FRAMES, form), path, **{"dome_height": 8, **options})
     return path
 
 
@@ -69,7 +69,7 @@ def test_a_stage_that_nobody_edited_has_no_changes(
     path = tmp_path / "shot.usdc"
     tracks = of_every_kind(range(1001, 1006), form)
     options = {"representation": representation, "distant_lights": distant_lights, **space}
-    write_usd(tracks, path, dome_height=2, **options)
+    write_every(tracks, path, dome_height=2, **options)
     reading = read_stage(path)
     assert reading.changes == ()
     assert_same(reading.tracks, tracks)
@@ -82,7 +82,7 @@ def test_a_nearly_round_lobe_of_three_distant_lights_has_no_changes(tmp_path):
     # in the first half as round as float32 tells, then long: the tilt is a root of almost nothing
     tracks.lobes.sharpness[:4, :, 1] = tracks.lobes.sharpness[:4, :, 0] * (1 - 1e-6)
     path = tmp_path / "shot.usdc"
-    write_usd(tracks, path, dome_height=2, representation="distant", distant_lights=3)
+    write_every(tracks, path, dome_height=2, representation="distant", distant_lights=3)
     assert read_stage(path).changes == ()
 
 
@@ -132,7 +132,7 @@ def test_the_cards_of_another_lobe_are_that_lobe(tmp_path):
     tracks = of_every_kind(FRAMES)
     tracks.lobes.sharpness[:, 1] *= torch.tensor([1.5, 1.2])
     tracks.lobes.amplitude[:, 1] *= torch.tensor([2.0, 0.5, 1.0])
-    write_usd(tracks, tmp_path / "other.usda", dome_height=2)
+    write_every(tracks, tmp_path / "other.usda", dome_height=2)
     other = Usd.Stage.Open(str(tmp_path / "other.usda"))
 
     def change(stage: Usd.Stage) -> None:
@@ -214,7 +214,7 @@ def test_the_fill_is_turned_and_coloured_as_the_dome_is(tmp_path):
     tracks = of_every_kind(FRAMES)
     only = replace(tracks, lobes=tracks.lobes.select(torch.tensor([0])), names=("lobe_00",))
     options = {"up_axis": "Z", "colorspace": "ACEScg", "dome_height": 64}
-    write_usd(only, tmp_path / "one.usda", **options)
+    write_every(only, tmp_path / "one.usda", **options)
     stage = Usd.Stage.Open(str(tmp_path / "one.usda"))
     fill = stage.GetPrimAtPath("/AsgRig/Fill")
     turned = UsdGeom.Xformable(fill).GetLocalTransformation()
@@ -230,7 +230,7 @@ def test_the_fill_is_turned_and_coloured_as_the_dome_is(tmp_path):
 def test_a_package_and_a_layer_of_edits_keep_the_kinds(tmp_path):
     tracks = of_every_kind(FRAMES)
     path = tmp_path / "shot.usdz"
-    write_usd(tracks, path, dome_height=2, distant_lights=3, up_axis="Z", colorspace="ACEScg")
+    write_every(tracks, path, dome_height=2, distant_lights=3, up_axis="Z", colorspace="ACEScg")
     assert [file.name for file in tmp_path.iterdir()] == ["shot.usdz"]
     assert lint_stage(path) == []
     assert read_options(path).distant_lights == 3

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdUtils, UsdValidation
-from usd_tracks import assert_same, contents, edited, moving, of_every_kind, still
+from usd_tracks import assert_same, contents, edited, moving, of_every_kind, still, write_every
 
 from asglight.errors import InputError
 from asglight.images import read_latlong
@@ -21,13 +21,12 @@ from asglight.usd import (
     lint_stage,
     read_usd,
     write_edit_layer,
-    write_usd,
 )
 from asglight.usd.read.read_options import read_options
 
 FRAMES = (1001, 1002, 1005)
 EVERYTHING = {
-    "representation": "distant",
+    "representations": ("distant", "cards", "dome"),
     "distance": 50.0,
     "dome_height": 8,
     "meters_per_unit": 0.01,
@@ -69,7 +68,7 @@ def irradiance(path: Path, normal: Gf.Vec3d) -> np.ndarray:
 def test_a_stage_with_every_option_comes_back_and_validates(extension, tmp_path):
     path = tmp_path / f"shot.{extension}"
     tracks = moving(FRAMES)
-    write_usd(tracks, path, **EVERYTHING)
+    write_every(tracks, path, **EVERYTHING)
     assert_same(read_usd(path), tracks)
     assert read_options(path) == StageOptions(**EVERYTHING)
     assert validated(path) == []
@@ -77,7 +76,7 @@ def test_a_stage_with_every_option_comes_back_and_validates(extension, tmp_path)
 
 def test_the_primary_path_holds_the_lobes_below_xforms(tmp_path):
     path = tmp_path / "shot.usda"
-    write_usd(of_every_kind(FRAMES), path, primary_path="/World/Lights/Env", dome_height=2)
+    write_every(of_every_kind(FRAMES), path, primary_path="/World/Lights/Env", dome_height=2)
     stage = Usd.Stage.Open(str(path))
     assert stage.GetDefaultPrim().GetPath() == "/World"
     above = [stage.GetPrimAtPath(p).GetTypeName() for p in ("/World", "/World/Lights")]
@@ -89,7 +88,7 @@ def test_the_primary_path_holds_the_lobes_below_xforms(tmp_path):
 
 
 def test_a_rig_is_found_where_a_shot_refers_to_it(tmp_path):
-    write_usd(moving(FRAMES), tmp_path / "env.usdc", primary_path="/World/Env", dome_height=2)
+    write_every(moving(FRAMES), tmp_path / "env.usdc", primary_path="/World/Env", dome_height=2)
     (tmp_path / "shot.usda").write_text(
         '#usda 1.0\n(\n defaultPrim = "Shot"\n startTimeCode = 1001\n endTimeCode = 1005\n)\n'
         'def Xform "Shot"\n{\ndef "Set" (prepend references = @./env.usdc@</World>)\n{\n}\n}\n'
@@ -101,7 +100,7 @@ def test_a_rig_is_found_where_a_shot_refers_to_it(tmp_path):
 def test_cards_stand_a_kilometre_away_in_any_unit(tmp_path):
     for unit in (1.0, 0.01, 0.0254):
         path = tmp_path / f"shot_{unit}.usda"
-        write_usd(of_every_kind(FRAMES), path, meters_per_unit=unit, dome_height=2)
+        write_every(of_every_kind(FRAMES), path, meters_per_unit=unit, dome_height=2)
         stage = Usd.Stage.Open(str(path))
         lobe = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_02")
         place = UsdGeom.XformCache(1002).GetLocalToWorldTransform(lobe).ExtractTranslation()
@@ -115,7 +114,7 @@ def test_cards_stand_a_kilometre_away_in_any_unit(tmp_path):
 
 def test_the_rig_says_which_asset_it_is(tmp_path):
     path = tmp_path / "shot.v3.usdc"
-    write_usd(moving(FRAMES), path, dome_height=2)
+    write_every(moving(FRAMES), path, dome_height=2)
     stage = Usd.Stage.Open(str(path))
     rig = Usd.ModelAPI(stage.GetDefaultPrim())
     assert rig.GetAssetName() == "shot.v3"
@@ -159,7 +158,9 @@ def closed_form(space: str) -> np.ndarray:
 def test_the_stage_shows_the_same_light_in_the_primaries_asked_for(space, tmp_path):
     tracks = moving(FRAMES)
     for path, name in (("plain.usda", "Rec.709"), ("other.usda", space)):
-        write_usd(tracks, tmp_path / path, colorspace=name, representation="distant", dome_height=8)
+        write_every(
+            tracks, tmp_path / path, colorspace=name, representation="distant", dome_height=8
+        )
     stage = Usd.Stage.Open(str(tmp_path / "other.usda"))
     found = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_01").GetAttribute("asg:amplitude").Get(1002)
     wanted = closed_form(space) @ tracks.at(1002).amplitude[1].double().numpy()
@@ -182,7 +183,7 @@ def test_the_stage_shows_the_same_light_in_the_primaries_asked_for(space, tmp_pa
 def test_usd_is_told_the_space_and_knows_it(space, tmp_path):
     path = tmp_path / "shot.usda"
     tracks = still()
-    write_usd(tracks, path, colorspace=space, dome_height=2)
+    write_every(tracks, path, colorspace=space, dome_height=2)
     stage = Usd.Stage.Open(str(path))
     lobe = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00")
     amplitude = lobe.GetAttribute("asg:amplitude")
@@ -212,13 +213,13 @@ def test_usd_is_told_the_space_and_knows_it(space, tmp_path):
 )
 def test_a_space_has_many_names(name, space, tmp_path, monkeypatch):
     monkeypatch.setenv("OCIO", str(tmp_path / "of-the-studio.ocio"))  # not there, and not asked
-    write_usd(still(), tmp_path / "shot.usda", colorspace=name, dome_height=2)
+    write_every(still(), tmp_path / "shot.usda", colorspace=name, dome_height=2)
     assert read_options(tmp_path / "shot.usda").colorspace == space
 
 
 def test_an_unknown_space_in_a_stage_is_named(tmp_path):
     path = tmp_path / "shot.usda"
-    write_usd(still(), path, dome_height=2)
+    write_every(still(), path, dome_height=2)
     place = "/AsgRig.colorSpace:name"
     edited(path, lambda layer: setattr(layer.GetAttributeAtPath(place), "default", "g22_ap1"))
     with pytest.raises(InputError, match=rf"shot.usda: {place} is g22_ap1; expected one of lin_re"):
@@ -227,7 +228,7 @@ def test_an_unknown_space_in_a_stage_is_named(tmp_path):
 
 def test_a_light_outside_rec709_comes_back_without_its_negative_part(tmp_path):
     path = tmp_path / "shot.usda"
-    write_usd(still(), path, colorspace="ACEScg", dome_height=2)
+    write_every(still(), path, colorspace="ACEScg", dome_height=2)
     place = "/AsgRig/Lobes/lobe_00.asg:amplitude"
     green = Gf.Vec3f(0, 1, 0)
     edited(path, lambda layer: setattr(layer.GetAttributeAtPath(place), "default", green))
@@ -240,7 +241,7 @@ def test_a_light_outside_rec709_comes_back_without_its_negative_part(tmp_path):
 
 def test_a_package_holds_its_images_and_nothing_lies_beside_it(tmp_path):
     path = tmp_path / "shot.usdz"
-    report = write_usd(moving(FRAMES), path, representation="dome", dome_height=8)
+    report = write_every(moving(FRAMES), path, representation="dome", dome_height=8)
     assert list(contents(tmp_path)) == ["shot.usdz"]
     assert report.files == (path,)
     assert report.bytes == path.stat().st_size
@@ -264,16 +265,16 @@ def test_a_package_holds_its_images_and_nothing_lies_beside_it(tmp_path):
 
 def test_a_package_is_replaced_whole(tmp_path):
     path = tmp_path / "shot.usdz"
-    write_usd(moving(range(5)), path, dome_height=2)
+    write_every(moving(range(5)), path, dome_height=2)
     held = Usd.Stage.Open(str(path))
-    write_usd(moving(FRAMES, seed=1), path, dome_height=2)
+    write_every(moving(FRAMES, seed=1), path, dome_height=2)
     assert_same(read_usd(path), moving(FRAMES, seed=1))
     assert held.GetDefaultPrim()
 
 
 def test_a_package_can_be_edited_in_a_layer_over_it(tmp_path):
     path = tmp_path / "shot.usdz"
-    write_usd(moving(FRAMES), path, **EVERYTHING)
+    write_every(moving(FRAMES), path, **EVERYTHING)
     tracks = read_usd(path)
     lobes = tracks.lobes.clone()
     lobes.amplitude[:, 1] *= 2
@@ -287,7 +288,7 @@ def test_a_package_can_be_edited_in_a_layer_over_it(tmp_path):
 
 def test_an_image_missing_from_a_package_is_found(tmp_path):
     path = tmp_path / "shot.usdz"
-    write_usd(moving(FRAMES), path, dome_height=2)
+    write_every(moving(FRAMES), path, dome_height=2)
     with zipfile.ZipFile(path) as archive:
         layer = archive.read("shot.usdc")
     (tmp_path / "shot.usdc").write_bytes(layer)
@@ -304,14 +305,14 @@ def test_an_image_missing_from_a_package_is_found(tmp_path):
 @pytest.mark.parametrize("name", EVERYTHING)
 def test_a_layer_of_edits_keeps_the_options_of_its_stage(name, tmp_path):
     options = {"dome_height": 8, name: EVERYTHING[name]}
-    write_usd(moving(FRAMES), tmp_path / "fit.usda", **options)
+    write_every(moving(FRAMES), tmp_path / "fit.usda", **options)
     tracks = read_usd(tmp_path / "fit.usda")
     lobes = tracks.lobes.clone()
     lobes.amplitude[:, 1] *= torch.tensor([3.0, 2.0, 1.0])
     lobes.axes[:, 2] = lobes.axes[:, 0]
     after = replace(tracks, lobes=lobes)
     write_edit_layer(tmp_path / "edit.usda", tmp_path / "fit.usda", after, [1, 2])
-    write_usd(after, tmp_path / "direct.usda", **options)
+    write_every(after, tmp_path / "direct.usda", **options)
     assert read_options(tmp_path / "edit.usda") == read_options(tmp_path / "fit.usda")
     assert_same(read_usd(tmp_path / "edit.usda"), after)
     assert validated(tmp_path / "edit.usda") == []
@@ -330,7 +331,7 @@ def test_every_pair_of_options_reads_back(tmp_path):
     defaults = {"dome_height": 2}
     for first, second in itertools.combinations(EVERYTHING, 2):
         chosen = {name: EVERYTHING[name] for name in (first, second)} | defaults
-        write_usd(tracks, tmp_path / "shot.usda", **chosen)
+        write_every(tracks, tmp_path / "shot.usda", **chosen)
         assert_same(read_usd(tmp_path / "shot.usda"), tracks)
 
 
@@ -341,7 +342,7 @@ def test_names_of_lobes_are_kept(tmp_path):
     moved = moving(FRAMES)
     names = ("lobe_07", "key", "lobe_00")
     tracks = LobeTracks(moved.frames, moved.fps, moved.lobes, moved.metadata, names)
-    write_usd(tracks, tmp_path / "shot.usda", dome_height=2)
+    write_every(tracks, tmp_path / "shot.usda", dome_height=2)
     stage = Usd.Stage.Open(str(tmp_path / "shot.usda"))
     prims = stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren()
     assert tuple(prim.GetName() for prim in prims) == names
@@ -351,4 +352,4 @@ def test_names_of_lobes_are_kept(tmp_path):
 def test_a_name_that_no_prim_can_have_is_refused(tmp_path):
     tracks = replace(moving(FRAMES), names=("a b", "c", "d"))
     with pytest.raises(InputError, match="tracks: lobes are called a b, c, d; expected names of"):
-        write_usd(tracks, tmp_path / "shot.usda")
+        write_every(tracks, tmp_path / "shot.usda")

@@ -13,12 +13,12 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdLux
-from usd_tracks import SHAPES, moving, of_every_kind, still
+from usd_tracks import SHAPES, moving, of_every_kind, still, write_every
 
 from asglight.lobes import Form, Lobes, LobeTracks, asg
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
-from asglight.usd import StageOptions, lint_stage, write_usd
+from asglight.usd import StageOptions, lint_stage
 from asglight.usd.lights import cards
 from asglight.usd.write import layer
 
@@ -105,7 +105,7 @@ def image_of(dome: Usd.Prim, frame: float) -> NDArray[np.float64]:
 def test_cards_carry_the_flux_of_the_lobes_at_every_frame(form, tmp_path):
     tracks = moving(range(1001, 1021), form=form)
     tracks.lobes.sharpness[:] *= torch.tensor([3.0, 1e3, 3.0])[:, None]  # none in the fill
-    write_usd(tracks, tmp_path / "shot.usdc", dome_height=2)
+    write_every(tracks, tmp_path / "shot.usdc", dome_height=2)
     stage = open_as(tmp_path / "shot.usdc", "cards")
     for index, lobe in enumerate(stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren()):
         for frame in (1001, 1008, 1020):
@@ -141,7 +141,7 @@ def test_frames_whose_samples_were_left_out_keep_their_flux(tmp_path):
 @pytest.mark.parametrize(("index", "diffuse", "glossy"), [(0, 0.005, 0.03), (1, 0.002, 0.015)])
 def test_soft_cards_light_a_patch_as_the_lobe_does(index, diffuse, glossy, tmp_path):
     tracks = still(((50.0, 4.0), (20.0, 5.0)))
-    write_usd(tracks, tmp_path / "shot.usda", dome_height=2)
+    write_every(tracks, tmp_path / "shot.usda", dome_height=2)
     stage = open_as(tmp_path / "shot.usda", "cards")
     lights = lights_of(stage.GetPrimAtPath(f"/AsgRig/Lobes/lobe_0{index}"))
     assert len(lights) == 3
@@ -166,7 +166,7 @@ def shine(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
 @pytest.mark.parametrize("form", Form)
 def test_cards_and_fill_together_light_a_patch_as_the_lobes_do(form, tmp_path):
     tracks = of_every_kind((1001, 1002, 1003), form)
-    write_usd(tracks, tmp_path / "shot.usda", dome_height=2)
+    write_every(tracks, tmp_path / "shot.usda", dome_height=2)
     stage = open_as(tmp_path / "shot.usda", "cards")
     fill = stage.GetPrimAtPath("/AsgRig/Fill")
     cards = [light for light in lights_of(stage.GetPrimAtPath("/AsgRig")) if light != fill]
@@ -183,7 +183,7 @@ def test_cards_and_fill_together_light_a_patch_as_the_lobes_do(form, tmp_path):
 
 def test_a_bingham_lobe_lights_both_sides_alike(tmp_path):
     tracks = still(((20.0, 5.0), (200.0, 20.0), (9e3, 3e3)), Form.BINGHAM)
-    write_usd(tracks, tmp_path / "shot.usda", dome_height=2)
+    write_every(tracks, tmp_path / "shot.usda", dome_height=2)
     stage = open_as(tmp_path / "shot.usda", "cards")
     for index, lobe in enumerate(stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren()):
         found = irradiance_by(lights_of(lobe), 1001)
@@ -195,7 +195,7 @@ def test_a_bingham_lobe_lights_both_sides_alike(tmp_path):
 @pytest.mark.parametrize("form", Form)
 def test_distant_lights_give_the_irradiance_that_faces_the_lobe(form, tmp_path):
     tracks = moving(range(1001, 1021), form=form)
-    write_usd(tracks, tmp_path / "shot.usdc", dome_height=2)
+    write_every(tracks, tmp_path / "shot.usdc", dome_height=2)
     stage = open_as(tmp_path / "shot.usdc", "distant")
     for index, lobe in enumerate(stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren()):
         for frame in (1001, 1008, 1020):
@@ -219,7 +219,7 @@ def test_three_distant_lights_face_a_patch_as_the_lobe_does_and_spread_along_it(
     # the long side changes from y to x between the frames
     tracks = moving((1001, 1002), lobes=2, form=form)
     tracks.lobes.sharpness[:] = torch.tensor([[[60.0, 9.0]], [[9.0, 60.0]]])
-    write_usd(tracks, tmp_path / "shot.usda", dome_height=2, distant_lights=3)
+    write_every(tracks, tmp_path / "shot.usda", dome_height=2, distant_lights=3)
     assert lint_stage(tmp_path / "shot.usda") == []
     stage = open_as(tmp_path / "shot.usda", "distant")
     for index, prim in enumerate(stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren()):
@@ -250,7 +250,7 @@ def test_the_dome_carries_the_flux_and_points_at_the_lobe(form, tmp_path):
     for index in range(len(SHAPES)):
         tracks = still((SHAPES[index],), form)
         path = tmp_path / f"shot{index}.usda"
-        write_usd(tracks, path, dome_height=height)
+        write_every(tracks, path, dome_height=height)
         stage = open_as(path, "dome")
         texture = UsdLux.DomeLight(stage.GetPrimAtPath("/AsgRig/Dome")).GetTextureFileAttr()
         pixels = OpenEXR.File(texture.Get().resolvedPath).channels()["RGB"].pixels

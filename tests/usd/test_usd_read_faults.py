@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 from pxr import Gf, Sdf
-from usd_tracks import edited, moving
+from usd_tracks import edited, moving, write_every
 
 from asglight.errors import InputError
-from asglight.usd import read_usd, write_usd
+from asglight.usd import read_usd
 
 LOBE = "/AsgRig/Lobes/lobe_01"
 
@@ -17,7 +17,7 @@ LOBE = "/AsgRig/Lobes/lobe_01"
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("sound") / "shot.usda"
-    write_usd(moving([1001, 1003, 1005], jitter=0.1), path, dome_height=2)
+    write_every(moving([1001, 1003, 1005], jitter=0.1), path, dome_height=2)
     return path
 
 
@@ -47,7 +47,7 @@ def test_a_file_that_is_not_usd_is_named(name, data, tmp_path):
 
 def test_a_truncated_crate_is_named(tmp_path):
     path = tmp_path / "shot.usdc"
-    write_usd(moving(range(30)), path, dome_height=2)
+    write_every(moving(range(30)), path, dome_height=2)
     path.write_bytes(path.read_bytes()[:-2000])
     assert "not readable as USD" in refused(path)
 

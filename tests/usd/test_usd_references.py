@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
-from usd_tracks import moving
+from usd_tracks import moving, write_every
 
 from asglight.cli.main import main
 from asglight.errors import InputError
-from asglight.usd import lint_stage, read_usd, schema, write_usd
+from asglight.usd import lint_stage, read_usd, schema
 from asglight.usd.check import references, trust
 from asglight.usd.options import DOME_HEIGHT
 from asglight.usd.read.read_options import read_options
@@ -30,7 +30,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a text, a binary and a packaged stage, elsewhere."""
     folder = tmp_path_factory.mktemp("library")
     for suffix in ("usda", "usdc", "usdz"):
-        write_usd(moving([1, 2]), folder / f"shot.{suffix}", dome_height=2)
+        write_every(moving([1, 2]), folder / f"shot.{suffix}", dome_height=2)
     return folder
 
 
@@ -110,7 +110,7 @@ def test_a_layer_of_a_layer_is_looked_at_too(tmp_path: Path, library: Path) -> N
 
 def test_layers_in_the_folder_are_followed(tmp_path: Path) -> None:
     (tmp_path / "below").mkdir()
-    write_usd(moving([1, 2]), tmp_path / "below" / "shot.usdc", dome_height=2)
+    write_every(moving([1, 2]), tmp_path / "below" / "shot.usdc", dome_height=2)
     path = layer_with(tmp_path / "a.usda", reference, "./below/shot.usdc")
     assert len(open_stage(path).GetPrimAtPath("/Set/Lobes").GetChildren()) == 3
 
@@ -175,7 +175,7 @@ def test_the_option_follows(
 def test_an_image_outside_the_folder_is_not_opened(tmp_path: Path) -> None:
     path = tmp_path / "shot" / "shot.usda"
     path.parent.mkdir()
-    write_usd(moving([1, 2]), path, dome_height=4)
+    write_every(moving([1, 2]), path, dome_height=4)
     outside = tmp_path / "images"
     shutil.copytree(path.parent / "shot_dome", outside)
     path.write_text(path.read_text().replace("./shot_dome", "../images"))
@@ -186,7 +186,7 @@ def test_an_image_outside_the_folder_is_not_opened(tmp_path: Path) -> None:
 
 def test_a_light_that_is_not_finite_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.usda"
-    write_usd(moving([1, 2]), path, representation="distant", dome_height=2)
+    write_every(moving([1, 2]), path, representation="distant", dome_height=2)
     stage = Usd.Stage.Open(str(path))
     light = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00").GetAttribute("inputs:intensity")
     light.Set(math.inf, 1)
@@ -197,7 +197,7 @@ def test_a_light_that_is_not_finite_is_refused(tmp_path: Path) -> None:
 
 
 def edited_stage(path: Path, light_edit: object) -> Path:
-    write_usd(moving([1, 2]), path, representation="distant", dome_height=2)
+    write_every(moving([1, 2]), path, representation="distant", dome_height=2)
     stage = Usd.Stage.Open(str(path))
     light_edit(stage.GetPrimAtPath("/AsgRig"), stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00"))
     stage.Save()

@@ -10,10 +10,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pxr import Sdf, Usd
-from usd_tracks import METADATA, assert_same, edited, moving, still
+from usd_tracks import METADATA, assert_same, edited, moving, still, write_every
 
 from asglight.lobes import Form, LobeTracks
-from asglight.usd import read_stage, read_usd, write_usd
+from asglight.usd import read_stage, read_usd
 
 
 @pytest.mark.parametrize("form", Form)
@@ -21,14 +21,14 @@ from asglight.usd import read_stage, read_usd, write_usd
 def test_moving_tracks_come_back(form, extension, tmp_path):
     tracks = moving(range(1001, 1033), form=form)
     path = tmp_path / f"shot.{extension}"
-    write_usd(tracks, path, dome_height=2)
+    write_every(tracks, path, dome_height=2)
     assert_same(read_usd(path), tracks)
 
 
 @pytest.mark.parametrize("form", Form)
 def test_noisy_tracks_come_back(form, tmp_path):
     tracks = moving(range(7), form=form, jitter=0.5)
-    write_usd(tracks, tmp_path / "shot.usdc", dome_height=2)
+    write_every(tracks, tmp_path / "shot.usdc", dome_height=2)
     assert_same(read_usd(tmp_path / "shot.usdc"), tracks)
 
 
@@ -38,7 +38,7 @@ def test_light_without_digits_reads_as_no_edit(representation, tmp_path):
     brightness = torch.tensor([1e-38, 1e-41, 5e-44])[:, None]  # float32 ends at 1.4e-45
     amplitude = tracks.lobes.amplitude / tracks.lobes.amplitude.amax(-1, keepdim=True) * brightness
     tracks = replace(tracks, lobes=replace(tracks.lobes, amplitude=amplitude))
-    write_usd(tracks, tmp_path / "shot.usda", dome_height=2, representation=representation)
+    write_every(tracks, tmp_path / "shot.usda", dome_height=2, representation=representation)
     reading = read_stage(tmp_path / "shot.usda")
     assert reading.changes == ()
     assert bool((reading.tracks.lobes.amplitude == amplitude).all())
@@ -46,7 +46,7 @@ def test_light_without_digits_reads_as_no_edit(representation, tmp_path):
 
 def test_one_frame_comes_back(tmp_path):
     tracks = still()
-    write_usd(tracks, tmp_path / "shot.usda", dome_height=2)
+    write_every(tracks, tmp_path / "shot.usda", dome_height=2)
     assert_same(read_usd(tmp_path / "shot.usda"), tracks)
 
 
@@ -59,27 +59,27 @@ def test_any_frames_and_rate_come_back(frames, fps, tmp_path_factory):
     moved = moving(frames)
     tracks = LobeTracks(moved.frames, fps, moved.lobes, {})
     path = tmp_path_factory.mktemp("frames") / "shot.usda"
-    write_usd(tracks, path, dome_height=2)
+    write_every(tracks, path, dome_height=2)
     assert_same(read_usd(path), tracks)
 
 
 def test_frames_without_a_gap_are_not_listed(tmp_path):
-    write_usd(moving(range(1001, 1005)), tmp_path / "whole.usda", dome_height=2)
-    write_usd(moving([1001, 1003, 1005]), tmp_path / "step.usda", dome_height=2)
+    write_every(moving(range(1001, 1005)), tmp_path / "whole.usda", dome_height=2)
+    write_every(moving([1001, 1003, 1005]), tmp_path / "step.usda", dome_height=2)
     assert "frames = " not in (tmp_path / "whole.usda").read_text()
     assert "int[] frames = [1001, 1003, 1005]" in (tmp_path / "step.usda").read_text()
 
 
 def test_a_shortened_range_leaves_the_listed_frames_within_it(tmp_path):
     path = tmp_path / "shot.usda"
-    write_usd(moving([1001, 1003, 1005, 1007]), path, dome_height=2)
+    write_every(moving([1001, 1003, 1005, 1007]), path, dome_height=2)
     edited(path, lambda layer: setattr(layer, "endTimeCode", 1005))
     assert read_usd(path).frames == (1001, 1003, 1005)
 
 
 def test_metadata_is_json_on_the_rig(tmp_path):
     path = tmp_path / "shot.usda"
-    write_usd(moving(range(3)), path, dome_height=2)
+    write_every(moving(range(3)), path, dome_height=2)
     stage = Usd.Stage.Open(str(path))
     data = stage.GetDefaultPrim().GetCustomDataByKey("asglight")
     assert json.loads(data["metadata"]) == METADATA
@@ -88,7 +88,7 @@ def test_metadata_is_json_on_the_rig(tmp_path):
 def test_a_lobe_that_was_switched_off_is_not_read(tmp_path):
     path = tmp_path / "shot.usda"
     tracks = moving(range(3))
-    write_usd(tracks, path, dome_height=2)
+    write_every(tracks, path, dome_height=2)
 
     def switch_off(layer: Sdf.Layer) -> None:
         layer.GetPrimAtPath("/AsgRig/Lobes/lobe_01").active = False
@@ -98,7 +98,7 @@ def test_a_lobe_that_was_switched_off_is_not_read(tmp_path):
 
 
 def test_an_override_in_a_stronger_layer_is_read(tmp_path):
-    write_usd(still(), tmp_path / "shot.usda", dome_height=2)
+    write_every(still(), tmp_path / "shot.usda", dome_height=2)
     (tmp_path / "lighting.usda").write_text(
         '#usda 1.0\n(\n defaultPrim = "AsgRig"\n startTimeCode = 1001\n endTimeCode = 1001\n'
         " subLayers = [@./shot.usda@]\n)\n"
@@ -110,15 +110,15 @@ def test_an_override_in_a_stronger_layer_is_read(tmp_path):
 
 def test_a_file_rewritten_while_a_stage_holds_it_is_read_anew(tmp_path):
     path = tmp_path / "shot.usdc"
-    write_usd(moving(range(5)), path, dome_height=2)
+    write_every(moving(range(5)), path, dome_height=2)
     held = Usd.Stage.Open(str(path))
     tracks = moving(range(10, 14), seed=1)
-    write_usd(tracks, path, dome_height=2)
+    write_every(tracks, path, dome_height=2)
     assert_same(read_usd(path), tracks)
     assert held.GetDefaultPrim()
 
 
 def test_lobes_beyond_a_hundred_keep_their_order(tmp_path):
     tracks = moving(range(2), lobes=101)
-    write_usd(tracks, tmp_path / "shot.usda", dome_height=2)
+    write_every(tracks, tmp_path / "shot.usda", dome_height=2)
     assert_same(read_usd(tmp_path / "shot.usda"), tracks)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdValidation
-from usd_tracks import contents, moving, of_every_kind, still
+from usd_tracks import contents, moving, of_every_kind, still, write_every
 
 from asglight.lobes import Form
-from asglight.usd import Representation, StageOptions, lint_stage, read_usd, write_usd
+from asglight.usd import Representation, StageOptions, lint_stage, read_usd
 from asglight.usd.lights import cards
 from asglight.usd.write import layer
 
@@ -22,7 +22,7 @@ from asglight.usd.write import layer
 @pytest.mark.parametrize("representation", Representation)
 def test_all_usd_validators_and_the_own_lint_are_content(representation, extension, form, tmp_path):
     path = tmp_path / f"shot.{extension}"
-    write_usd(
+    write_every(
         of_every_kind(range(1001, 1004), form), path, representation=representation, dome_height=4
     )
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
@@ -35,7 +35,7 @@ def test_all_usd_validators_and_the_own_lint_are_content(representation, extensi
 @pytest.mark.parametrize("representation", Representation)
 def test_the_stage_shows_the_representation_asked_for(representation, tmp_path):
     path = tmp_path / "shot.usdc"
-    write_usd(of_every_kind(range(3)), path, representation=str(representation), dome_height=4)
+    write_every(of_every_kind(range(3)), path, representation=str(representation), dome_height=4)
     stage = Usd.Stage.Open(str(path))
     lights = {
         str(prim.GetPath().MakeRelativePath("/AsgRig")): prim.GetTypeName()
@@ -55,7 +55,7 @@ def test_the_stage_shows_the_representation_asked_for(representation, tmp_path):
 def test_the_lobes_are_the_same_in_every_representation(representation, tmp_path):
     path = tmp_path / "shot.usda"
     tracks = moving(range(1001, 1005))
-    write_usd(tracks, path, representation=representation, dome_height=4)
+    write_every(tracks, path, representation=representation, dome_height=4)
     stage = Usd.Stage.Open(str(path))
     lobes = stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren()
     assert [lobe.GetName() for lobe in lobes] == ["lobe_00", "lobe_01", "lobe_02"]
@@ -70,7 +70,7 @@ def test_the_lobes_are_the_same_in_every_representation(representation, tmp_path
 
 def test_cards_stand_at_the_distance_and_the_unit_asked_for(tmp_path):
     path = tmp_path / "shot.usda"
-    write_usd(still(), path, distance=50.0, meters_per_unit=0.01, dome_height=4)
+    write_every(still(), path, distance=50.0, meters_per_unit=0.01, dome_height=4)
     stage = Usd.Stage.Open(str(path))
     assert UsdGeom.GetStageMetersPerUnit(stage) == 0.01
     lights = [prim for prim in stage.Traverse() if prim.GetTypeName() == "RectLight"]
@@ -84,7 +84,7 @@ def test_cards_stand_at_the_distance_and_the_unit_asked_for(tmp_path):
 def test_black_lobes_are_lights_of_no_intensity(tmp_path):
     tracks = still(((5e3, 4e3), (20.0, 5.0)))
     tracks.lobes.amplitude[0, 0] = 0
-    write_usd(tracks, tmp_path / "shot.usda", dome_height=4)
+    write_every(tracks, tmp_path / "shot.usda", dome_height=4)
     stage = Usd.Stage.Open(str(tmp_path / "shot.usda"))
     light = UsdLux.LightAPI(stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00"))
     assert light.GetIntensityAttr().Get() == 0
@@ -95,14 +95,14 @@ def test_a_track_that_never_moves_has_no_samples_and_one_image(tmp_path):
     frozen = moving([1001, 1001 + 1])
     for values in (frozen.lobes.axes, frozen.lobes.sharpness, frozen.lobes.amplitude):
         values[1] = values[0]
-    report = write_usd(frozen, tmp_path / "shot.usda", dome_height=4)
+    report = write_every(frozen, tmp_path / "shot.usda", dome_height=4)
     assert "timeSamples" not in (tmp_path / "shot.usda").read_text()
     assert [file.name for file in report.files] == ["shot.usda", "shot.1001.exr"]
     assert report.samples_written == 0
 
 
 def test_the_dome_has_one_image_a_frame_beside_the_stage(tmp_path):
-    report = write_usd(moving([8, 9, 12]), tmp_path / "shot.v2.usda", dome_height=4)
+    report = write_every(moving([8, 9, 12]), tmp_path / "shot.v2.usda", dome_height=4)
     names = ["shot.v2.0008.exr", "shot.v2.0009.exr", "shot.v2.0012.exr"]
     assert sorted(contents(tmp_path)) == ["shot.v2.usda", *(f"shot.v2_dome/{n}" for n in names)]
     assert [str(file.relative_to(tmp_path)) for file in report.files] == [
@@ -117,7 +117,7 @@ def test_the_dome_has_one_image_a_frame_beside_the_stage(tmp_path):
 
 
 def test_the_report_counts_the_samples_of_the_stage(tmp_path):
-    report = write_usd(moving(range(20)), tmp_path / "shot.usda", dome_height=2)
+    report = write_every(moving(range(20)), tmp_path / "shot.usda", dome_height=2)
     opened = Sdf.Layer.OpenAsAnonymous(str(tmp_path / "shot.usda"))
     found = 0
 
@@ -134,7 +134,7 @@ def test_the_report_counts_the_samples_of_the_stage(tmp_path):
 @pytest.mark.parametrize("name", ["SHOT.USDA", "sh ot@1 größe 50%.usdc", "a[1].usd", ".usdx.usda"])
 def test_names_of_every_kind_work(name, tmp_path):
     path = tmp_path / name
-    write_usd(moving(range(3)), path, representation="dome", dome_height=2)
+    write_every(moving(range(3)), path, representation="dome", dome_height=2)
     stage = Usd.Stage.Open(str(path))
     texture = stage.GetPrimAtPath("/AsgRig/Dome").GetAttribute("inputs:texture:file")
     assert Path(texture.Get(2).resolvedPath).samefile(
@@ -153,14 +153,15 @@ def test_a_long_shot_stays_small(jitter, megabytes, tmp_path):
     tracks = moving(range(1000), lobes=15, jitter=jitter)
     images = layer.Images([f"./shot_dome/shot.{frame:04d}.exr" for frame in tracks.frames])
     kinds = cards.kinds(tracks.lobes)
-    built, _ = layer.build(tracks, StageOptions(), images, "shot.usdc", kinds)
+    options = StageOptions(representations=tuple(Representation))
+    built, _ = layer.build(tracks, options, images, "shot.usdc", kinds)
     built.Export(str(tmp_path / "shot.usdc"))
     assert (tmp_path / "shot.usdc").stat().st_size < megabytes * 1e6
 
 
 def test_without_the_plugin_the_stage_opens_in_silence(tmp_path):
     path = tmp_path / "shot.usdc"
-    write_usd(moving(range(3)), path, dome_height=2)
+    write_every(moving(range(3)), path, dome_height=2)
     code = (
         "from pxr import Usd; import sys; s = Usd.Stage.Open(sys.argv[1]);"
         "lobe = s.GetPrimAtPath('/AsgRig/Lobes/lobe_00');"

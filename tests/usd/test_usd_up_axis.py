@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from pxr import Gf, Usd, UsdGeom, UsdLux, UsdValidation
-from usd_tracks import assert_same, moving
+from usd_tracks import assert_same, moving, write_every
 
 from asglight.lobes import Form
 from asglight.usd import (
@@ -17,7 +17,6 @@ from asglight.usd import (
     read_stage,
     read_usd,
     write_edit_layer,
-    write_usd,
 )
 
 FRAMES = (1001, 1002, 1005)
@@ -29,7 +28,7 @@ TO_Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 def written(folder: Path, form: Form = Form.ASG) -> tuple[Path, Path]:
     paths = folder / "y.usda", folder / "z.usda"
     for path, up_axis in zip(paths, ("Y", "Z"), strict=True):
-        write_usd(moving(FRAMES, form=form), path, up_axis=up_axis, dome_height=8)
+        write_every(moving(FRAMES, form=form), path, up_axis=up_axis, dome_height=8)
     return paths
 
 
@@ -88,7 +87,7 @@ def test_the_dome_images_are_the_same(tmp_path):
 def test_the_same_tracks_come_back(form, extension, tmp_path):
     tracks = moving(range(1001, 1020), form=form, jitter=0.1)
     path = tmp_path / f"shot.{extension}"
-    write_usd(tracks, path, up_axis="Z", dome_height=2)
+    write_every(tracks, path, up_axis="Z", dome_height=2)
     assert_same(read_usd(path), tracks)
 
 
@@ -126,7 +125,7 @@ def test_a_layer_of_edits_keeps_the_axis(tmp_path):
     write_edit_layer(edited, path, replace(tracks, lobes=lobes), [0])
     assert lint_stage(edited) == []
     direct = tmp_path / "direct.usda"
-    write_usd(replace(tracks, lobes=lobes), direct, up_axis="Z", dome_height=8)
+    write_every(replace(tracks, lobes=lobes), direct, up_axis="Z", dome_height=8)
     for representation in Representation:
         wanted = lights(direct, representation)
         for name, matrix in lights(edited, representation).items():

@@ -11,18 +11,18 @@ from pathlib import Path
 
 import pytest
 import torch
-from usd_tracks import contents, moving, still
+from usd_tracks import contents, moving, still, write_every
 
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks
-from asglight.usd import lint_stage, read_usd, write_usd
+from asglight.usd import lint_stage, read_usd
 
 SUPPORT = Path(__file__).resolve().parents[1] / "support"
 
 
 def refused(*arguments, **options) -> str:
     with pytest.raises(InputError) as caught:
-        write_usd(*arguments, **options)
+        write_every(*arguments, **options)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -63,7 +63,9 @@ def test_a_folder_without_permission_is_named():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"representation": "sphere"}, "representation: sphere; expected one of cards, distant"),
+        ({"representations": ("sphere",)}, "representations: sphere; expected some of cards, dis"),
+        ({"representations": ("dome", "dome")}, "representations: dome,dome; expected some of"),
+        ({"representations": ()}, "representations: none; expected some of cards, distant, dome"),
         ({"distance": 0.0}, "distance: 0; expected a finite number above 0"),
         ({"distance": math.inf}, "distance: inf; expected a finite number above 0"),
         ({"meters_per_unit": -1.0}, "meters per unit: -1; expected a finite number above 0"),
@@ -107,7 +109,7 @@ def changed(name: str, index: tuple[int, ...], value: float) -> LobeTracks:
 )
 def test_a_lobe_that_cannot_be_a_light_is_named(tracks, message, tmp_path):
     with pytest.raises(InputError, match=f"^tracks: {message}"):
-        write_usd(tracks, tmp_path / "shot.usda")
+        write_every(tracks, tmp_path / "shot.usda")
     assert contents(tmp_path) == {}
 
 
@@ -115,7 +117,7 @@ def test_a_lobe_that_cannot_be_a_light_is_named(tracks, message, tmp_path):
 def test_the_extremes_that_are_allowed_are_written(form, tmp_path):
     tracks = still(((1e-4, 1e-4), (1e8, 1e8)), form)
     tracks.lobes.amplitude[0, 1] = 1e37
-    write_usd(tracks, tmp_path / "shot.usda", dome_height=128)
+    write_every(tracks, tmp_path / "shot.usda", dome_height=128)
     assert read_usd(tmp_path / "shot.usda").lobes.amplitude.max() == torch.tensor(1e37)
 
 
@@ -143,12 +145,11 @@ def test_metadata_that_json_cannot_hold_is_named(metadata, tmp_path):
 LIMITED = """
 import resource, sys
 sys.path.insert(0, sys.argv[2])
-from usd_tracks import moving
+from usd_tracks import moving, write_every
 from asglight.errors import InputError
-from asglight.usd import write_usd
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]),) * 2)
 try:
-    write_usd(moving(range(40), seed=1), sys.argv[1], dome_height=int(sys.argv[4]))
+    write_every(moving(range(40), seed=1), sys.argv[1], dome_height=int(sys.argv[4]))
 except InputError as error:
     print(error)
 """
@@ -161,7 +162,7 @@ except InputError as error:
 )
 def test_a_full_disk_leaves_everything_as_it_was(extension, limit, height, named, tmp_path):
     path = tmp_path / f"shot.{extension}"
-    write_usd(moving(range(40)), path, dome_height=2)
+    write_every(moving(range(40)), path, dome_height=2)
     before = contents(tmp_path)
     result = subprocess.run(
         [sys.executable, "-c", LIMITED, str(path), str(SUPPORT), str(limit), str(height)],
@@ -178,7 +179,7 @@ def test_a_full_disk_leaves_everything_as_it_was(extension, limit, height, named
 def test_a_write_that_is_killed_leaves_the_old_stage(tmp_path):
     path = tmp_path / "shot.usdc"
     tracks = moving(range(5))
-    write_usd(tracks, path, dome_height=2)
+    write_every(tracks, path, dome_height=2)
     before = contents(tmp_path)
     code = LIMITED.replace("resource.setrlimit", "(lambda *_: None)")
     arguments = [sys.executable, "-c", code, str(path), str(SUPPORT), "0", "512"]
@@ -197,7 +198,7 @@ def test_a_write_that_is_killed_leaves_the_old_stage(tmp_path):
 
 def test_a_second_write_replaces_the_first(tmp_path):
     path = tmp_path / "shot.usda"
-    write_usd(moving(range(4)), path, dome_height=2)
-    write_usd(moving(range(2), seed=3), path, dome_height=2)
+    write_every(moving(range(4)), path, dome_height=2)
+    write_every(moving(range(2), seed=3), path, dome_height=2)
     assert read_usd(path).frames == (0, 1)
     assert not list(tmp_path.glob(".asglight-*"))

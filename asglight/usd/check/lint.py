@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stage's own contract, rule by rule, in every representation.
+"""The stage's own contract, rule by rule, in every representation that it holds.
 
 This covers what USD's validators leave open: time range and rate, defaults beside time samples,
 finite and sensible values, light units, image paths. Run UsdValidation as well for the rest. A
@@ -19,7 +19,17 @@ from asglight.usd import schema
 from asglight.usd.check.references import may_open
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_of
-from asglight.usd.stage import child_of, find_rig, has_lobe_api, image_file, numbers, open_stage
+from asglight.usd.stage import (
+    child_of,
+    find_rig,
+    has_lobe_api,
+    held_representations,
+    image_file,
+    numbers,
+    open_stage,
+    show,
+    shown_representation,
+)
 
 LIMITS = {
     schema.COLOR: (0.0, 1.0),
@@ -56,18 +66,18 @@ def lint_stage(path: str | Path) -> list[str]:
     if rig is None:
         return [*findings, f"/: no prim with {schema.LOBES}; expected /{schema.RIG}"]
     findings += _lobe_findings(rig)
-    variants = rig.GetVariantSet(schema.VARIANT_SET)
-    missing = [name for name in Representation if name not in variants.GetVariantNames()]
-    if missing:
-        return [*findings, f"{rig.GetPath()}: no variant {', '.join(missing)}; expected all three"]
-    if variants.GetVariantSelection() not in set(Representation):
-        selected = variants.GetVariantSelection()
+    held = held_representations(rig)
+    if not held:
+        names = ", ".join(Representation)
+        return [*findings, f"{rig.GetPath()}: shows no representation; expected one of {names}"]
+    if shown_representation(rig) is None:
+        selected = rig.GetVariantSet(schema.VARIANT_SET).GetVariantSelection()
         findings.append(f"{rig.GetPath()}: selects {selected!r}; expected one representation")
     stage.SetEditTarget(stage.GetSessionLayer())
     seen: set[Sdf.Path] = set()
     times: set[float] = set()
-    for representation in Representation:
-        variants.SetVariantSelection(representation)
+    for representation in held:
+        show(rig, representation)
         findings += _representation_findings(rig, representation)
         for prim in Usd.PrimRange(rig):
             for attribute in prim.GetAuthoredAttributes():

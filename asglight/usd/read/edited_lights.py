@@ -2,8 +2,8 @@
 """Lights that were edited in another program, turned back into lobes.
 
 A stage says the same thing twice: what a lobe is, and the lights derived from it. Other programs
-know lights only. So the lights of the selected variant are compared with those that `write_usd`
-would author, and where they differ the lobe is changed to one whose lights they are:
+know lights only. So the lights of the representation that is shown are compared with those that
+`write_usd` would author, and where they differ the lobe is changed to one whose lights they are:
 
 - direction and turn: by the rotation from the authored light's frame to the edited one's; a card
   stands where its centre is seen from the rig's origin;
@@ -57,7 +57,7 @@ def with_light_edits(
     placement: Placement,
     colorspace: str,
 ) -> tuple[Lobes, list[str]]:
-    """Return the lobes that the lights of the selected variant show, as asglight has them turned.
+    """Return the lobes that the shown representation's lights say, as asglight has them turned.
 
     Args:
         rig: The prim that holds the lobes.

@@ -15,10 +15,12 @@ from asglight.usd.options import DISTANCE_M, DOME_HEIGHT, Representation, StageO
 from asglight.usd.spaces import space_of
 from asglight.usd.stage import (
     child_of,
+    held_representations,
     image_height,
     lobe_prims,
     open_rig,
     rig_data,
+    show,
     shown_representation,
 )
 
@@ -46,9 +48,11 @@ def options_of(rig: Usd.Prim) -> StageOptions:
     """
     space = space_of(rig)
     data = rig_data(rig)
-    shown = shown_representation(rig)
+    shown, held = shown_representation(rig), held_representations(rig)
+    first = (shown,) if shown else ()
+    representations = tuple(map(str, (*first, *(one for one in held if one is not shown))))
     return StageOptions(
-        representation=shown or StageOptions.representation,
+        representations=representations or StageOptions.representations,
         distance=card_distance_of(rig),
         dome_height=_dome_height(rig),
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(rig.GetStage()),
@@ -103,23 +107,21 @@ def threefold_lobes(rig: Usd.Prim) -> list[bool]:
 
 
 def shown_kinds(rig: Usd.Prim) -> list[cards.Kind]:
-    """Return what the light of each lobe is in the cards.
+    """Return what the light of each lobe is in the cards; none for a rig without them.
 
     Args:
         rig: As of `options_of`.
     """
-    _show(rig, Representation.CARDS)
-    return card_kinds(rig)
+    return card_kinds(rig) if _is_shown(rig, Representation.CARDS) else []
 
 
 def shown_threefold(rig: Usd.Prim) -> list[bool]:
-    """Tell which lobes have three distant lights.
+    """Tell which lobes have three distant lights; none for a rig without any.
 
     Args:
         rig: As of `options_of`.
     """
-    _show(rig, Representation.DISTANT)
-    return threefold_lobes(rig)
+    return threefold_lobes(rig) if _is_shown(rig, Representation.DISTANT) else []
 
 
 def dome_images(rig: Usd.Prim) -> list[str]:
@@ -136,12 +138,17 @@ def fill_images(rig: Usd.Prim) -> list[str]:
     return _images(rig, Representation.CARDS, schema.FILL)
 
 
-def _show(rig: Usd.Prim, representation: Representation) -> None:
-    rig.GetVariantSet(schema.VARIANT_SET).SetVariantSelection(str(representation))
+def _is_shown(rig: Usd.Prim, representation: Representation) -> bool:
+    """Show a representation, and tell whether the rig holds it."""
+    if representation not in held_representations(rig):
+        return False
+    show(rig, representation)
+    return True
 
 
 def _images(rig: Usd.Prim, representation: Representation, name: str) -> list[str]:
-    _show(rig, representation)
+    if not _is_shown(rig, representation):
+        return []
     prim = child_of(rig, name)
     attribute = prim.GetAttribute(schema.TEXTURE) if prim else None
     if not attribute:

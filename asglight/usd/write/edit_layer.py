@@ -3,9 +3,9 @@
 
 The layer sublayers the stage and overrides, for the lobes that were edited, each attribute whose
 composed value differs from the one that `write_usd` would author: what the lobe is, and the lights
-derived from it, inside their variants. The dome shows all lobes together, so it gets images of its
-own. Range and rate of time, units and the default prim are copied, because USD reads them from a
-stage's own layer and from none below it.
+derived from it, in every representation that the stage holds. A dome shows all lobes together, so
+it gets images of its own. Range and rate of time, units and the default prim are copied, because
+USD reads them from a stage's own layer and from none below it.
 """
 
 import os
@@ -40,7 +40,15 @@ from asglight.usd.read.read_options import (
 from asglight.usd.read.tracks import read_stage, read_usd
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import space_for, to_stage
-from asglight.usd.stage import lobe_prims, numbers, open_rig, open_stage, readable
+from asglight.usd.stage import (
+    lobe_prims,
+    numbers,
+    open_rig,
+    open_stage,
+    place_of,
+    readable,
+    show,
+)
 from asglight.usd.write import layer, samples, staging
 from asglight.usd.write.authoring import TrackAuthor
 from asglight.usd.write.checks import check_target, check_tracks
@@ -74,7 +82,7 @@ class _Track:
 
     Attributes:
         path: The attribute in the layer, with its variant.
-        representation: The variant; None outside the variants.
+        representation: Whose light it is of; None for the lobe itself.
         values: One value a frame.  [F, K]
         tolerance: Relative error of a sample left out.
     """
@@ -95,8 +103,8 @@ class _Source:
         tracks: Its lobes.
         options: How it was written.
         placement: How the rig stands in the stage.
-        kinds: What each lobe is in its cards.
-        threefold: Which lobes have three distant lights.
+        kinds: What each lobe is in its cards; none without cards.
+        threefold: Which lobes have three distant lights; none without such.
         images: Those of its dome and of its fill that are there, as USD resolves them.
     """
 
@@ -127,16 +135,14 @@ class _Source:
                 f"Edit the stage that holds it."
             )
 
-    def show(self, representation: Representation) -> None:
-        """Select a variant, in memory only."""
-        variants = self.rig.GetVariantSet(schema.VARIANT_SET)
-        if variants.GetVariantSelection() != representation:
-            variants.SetVariantSelection(str(representation))
+    def kinds_of(self, lobes: Collection[int]) -> list[cards.Kind]:
+        """Return what some lobes are in the cards; none for a stage without them."""
+        return [self.kinds[index] for index in lobes] if self.kinds else []
 
     def values(self, track: _Track) -> NDArray[np.float64] | None:
         """Return what an attribute is at every frame, or None where it has no value.  [F, K]."""
         if track.representation is not None:
-            self.show(track.representation)
+            show(self.rig, track.representation)  # in memory only
         attribute = self.stage.GetAttributeAtPath(track.path.StripAllVariantSelections())
         kind = schema.VALUE_TYPES[track.path.name]
         if not attribute or attribute.GetTypeName() != kind:
@@ -178,8 +184,9 @@ def write_edit_layer(
     differing = [track for track in _tracks(below, in_rig, edited) if _differs(below, track)]
     with staging.staged(path) as place, our_own():
         height, space = below.options.dome_height, space_for(below.options)
-        textures = staging.write_dome(in_rig, place, height, space) if differing else []
-        refill = differing and any(below.kinds[index] is cards.Kind.FILL for index in edited)
+        has_dome = differing and Representation.DOME in below.options.held
+        textures = staging.write_dome(in_rig, place, height, space) if has_dome else []
+        refill = differing and any(kind is cards.Kind.FILL for kind in below.kinds_of(edited))
         fill = staging.write_fill(in_rig, below.kinds, place, space) if refill else []
         built, author = _build(below, tracks, differing, {schema.DOME: textures, schema.FILL: fill})
         built.subLayerPaths = [_reference(below.path, place.parent)]
@@ -206,17 +213,17 @@ def _tracks(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> Iter
             target = path.AppendProperty(name)
             yield _Track(target, None, values[:, place], layer.LOBE_TOLERANCE)
     moments = asg.moments(lobes)
-    kinds = [below.kinds[index] for index in chosen]
-    threefold = [below.threefold[index] for index in chosen]
-    lights = {
-        Representation.CARDS: cards.lights(lobes, moments, below.options.card_distance, kinds),
-        Representation.DISTANT: distant.lights(lobes, moments, threefold),
-    }
+    lights: dict[Representation, list[list[Light]]] = {}
+    if Representation.CARDS in below.options.held:
+        distance, kinds = below.options.card_distance, below.kinds_of(chosen)
+        lights[Representation.CARDS] = cards.lights(lobes, moments, distance, kinds)
+    if Representation.DISTANT in below.options.held:
+        threefold = [below.threefold[index] for index in chosen]
+        lights[Representation.DISTANT] = distant.lights(lobes, moments, threefold)
     for representation, of_lobes in lights.items():
-        selection = schema.VARIANT_SET, str(representation)
-        variant = below.rig.GetPath().AppendVariantSelection(*selection)
-        in_variant = [path.ReplacePrefix(below.rig.GetPath(), variant) for path in own]
-        for path, of_lobe in zip(in_variant, of_lobes, strict=True):
+        holder = place_of(below.rig, representation)
+        held = [path.ReplacePrefix(below.rig.GetPath(), holder) for path in own]
+        for path, of_lobe in zip(held, of_lobes, strict=True):
             yield from _of_lobe(path, representation, of_lobe)
 
 
@@ -266,8 +273,8 @@ def _build(
     owners = {schema.DOME: Representation.DOME, schema.FILL: Representation.CARDS}
     for name, files in images.items():
         if files:
-            variant = rig_path.AppendVariantSelection(schema.VARIANT_SET, str(owners[name]))
-            prim = Sdf.CreatePrimInLayer(built, variant.AppendChild(name))
+            holder = place_of(below.rig, owners[name])
+            prim = Sdf.CreatePrimInLayer(built, holder.AppendChild(name))
             layer.author_textures(author, prim, staging.relative_names(files))
     return built, author
 

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stage as a layer: the rig, its lobes, and a variant for each representation.
+"""The stage as a layer: the rig, its lobes, and their lights in each representation asked for.
 
-What a lobe is (orientation, sharpness, amplitude, form) lies outside the variants, so every
-representation turns with it and a reader needs none of them. Lights are derived values.
+Several representations are the variants of a set; what a lobe is (orientation, sharpness,
+amplitude, form) lies outside them, so every one turns with it and a reader needs none of them. One
+alone is said on the same prims, so that a reader needs to know no variants. Lights are derived
+values.
 """
 
 import json
@@ -40,12 +42,12 @@ class Images(NamedTuple):
     """The images of a stage, by paths relative to it.
 
     Attributes:
-        dome: One for each frame, or one for all.
+        dome: One for each frame, or one for all; empty where the stage holds no dome.
         fill: Those of the lobes that are fill, likewise; empty where no lobe is.
         card: The texture of the cards; empty where none has one.
     """
 
-    dome: Sequence[str]
+    dome: Sequence[str] = ()
     fill: Sequence[str] = ()
     card: str = ""
 
@@ -79,23 +81,22 @@ def build(
         _author_stage_metadata(layer, tracks, options)
         rig.SetInfo("customData", {schema.CUSTOM_DATA: _custom_data(tracks, options)})
         _author_asset(rig, space, name)
-        rig.SetInfo("variantSetNames", Sdf.StringListOp.Create(prependedItems=[schema.VARIANT_SET]))
-        rig.variantSelections[schema.VARIANT_SET] = str(options.representation)
+        if len(options.held) > 1:
+            _author_selection(rig, options)
         _author_lobes(author, rig, tracks.names, lobes)
-        variants = Sdf.VariantSetSpec(rig, schema.VARIANT_SET)
-        in_cards, in_distant, in_dome = (
-            Sdf.VariantSpec(variants, str(representation)).primSpec
-            for representation in Representation
-        )
-        on_cards = cards.lights(lobes, moments, options.card_distance, kinds, images.card)
-        _author_lights(author, in_cards, "RectLight", tracks.names, on_cards)
-        if cards.Kind.FILL in kinds:
-            _author_dome(author, in_cards, schema.FILL, images.fill, space)
-        threefold = distant.threefold(tracks.lobes, options.distant_lights)
-        in_sky = distant.lights(lobes, moments, threefold)
-        _author_lights(author, in_distant, "DistantLight", tracks.names, in_sky)
-        _author_lights(author, in_dome, "DomeLight", tracks.names, [[]] * lobes.count)
-        _author_dome(author, in_dome, schema.DOME, images.dome, space)
+        for representation, holder in _holders(rig, options).items():
+            lights: Sequence[Sequence[Light]] = [[]] * lobes.count
+            if representation is Representation.CARDS:
+                lights = cards.lights(lobes, moments, options.card_distance, kinds, images.card)
+            elif representation is Representation.DISTANT:
+                threefold = distant.threefold(tracks.lobes, options.distant_lights)
+                lights = distant.lights(lobes, moments, threefold)
+            kind = schema.LIGHT_TYPES[representation]
+            _author_lights(author, holder, kind, tracks.names, lights)
+            if representation is Representation.CARDS and cards.Kind.FILL in kinds:
+                _author_dome(author, holder, schema.FILL, images.fill, space)
+            if representation is Representation.DOME:
+                _author_dome(author, holder, schema.DOME, images.dome, space)
     return layer, author
 
 
@@ -146,6 +147,19 @@ def _author_rig(layer: Sdf.Layer, path: str) -> Sdf.PrimSpec:
     return rig
 
 
+def _author_selection(rig: Sdf.PrimSpec, options: StageOptions) -> None:
+    rig.SetInfo("variantSetNames", Sdf.StringListOp.Create(prependedItems=[schema.VARIANT_SET]))
+    rig.variantSelections[schema.VARIANT_SET] = str(options.shown)
+
+
+def _holders(rig: Sdf.PrimSpec, options: StageOptions) -> dict[Representation, Sdf.PrimSpec]:
+    """Return where the lights of each representation are said: a variant each, or the rig."""
+    if len(options.held) == 1:
+        return {options.shown: rig}
+    variants = Sdf.VariantSetSpec(rig, schema.VARIANT_SET)
+    return {one: Sdf.VariantSpec(variants, str(one)).primSpec for one in options.held}
+
+
 def _author_stage_metadata(layer: Sdf.Layer, tracks: LobeTracks, options: StageOptions) -> None:
     layer.defaultPrim = layer.rootPrims[0].name
     layer.pseudoRoot.SetInfo(schema.UP_AXIS, options.up_axis)
@@ -176,6 +190,8 @@ def _custom_data(tracks: LobeTracks, options: StageOptions) -> dict[str, Any]:
         schema.CARD_TEXTURE: options.card_texture,
         "metadata": metadata_text(tracks),
     }
+    if len(options.held) == 1:
+        data[schema.REPRESENTATION] = str(options.shown)
     first, last = tracks.frames[0], tracks.frames[-1]
     if len(tracks.frames) != last - first + 1:
         data["frames"] = Vt.IntArray(tracks.frames)
@@ -200,20 +216,26 @@ def _author_lobes(
 
 def _author_lights(
     author: TrackAuthor,
-    variant: Sdf.PrimSpec,
+    holder: Sdf.PrimSpec,
     type_name: str,
     names: Sequence[str],
     lights: Sequence[Sequence[Light]],
 ) -> None:
     """Author the lights of every lobe; a lobe without one is data."""
-    scope = Sdf.PrimSpec(variant, schema.LOBES, Sdf.SpecifierOver)
+    scope = _child(holder, schema.LOBES)
     for name, own in zip(names, lights, strict=True):
-        lobe = Sdf.PrimSpec(scope, name, Sdf.SpecifierOver)
+        lobe = _child(scope, name)
         if not any(light.name == "" for light in own):
             lobe.typeName = "Xform"
             constant(lobe, schema.OP_ORDER, [schema.ORIENT])
         for light in own:
             _author_light(author, lobe, type_name, light)
+
+
+def _child(parent: Sdf.PrimSpec, name: str) -> Sdf.PrimSpec:
+    """Return a prim below another; in a variant, which has none yet, an override of it."""
+    found = parent.layer.GetPrimAtPath(parent.path.AppendChild(name))
+    return found or Sdf.PrimSpec(parent, name, Sdf.SpecifierOver)
 
 
 def _author_light(author: TrackAuthor, lobe: Sdf.PrimSpec, type_name: str, light: Light) -> None:
@@ -230,9 +252,9 @@ def _author_light(author: TrackAuthor, lobe: Sdf.PrimSpec, type_name: str, light
 
 
 def _author_dome(
-    author: TrackAuthor, variant: Sdf.PrimSpec, name: str, textures: Sequence[str], space: Space
+    author: TrackAuthor, holder: Sdf.PrimSpec, name: str, textures: Sequence[str], space: Space
 ) -> None:
-    dome = Sdf.PrimSpec(variant, name, Sdf.SpecifierDef, "DomeLight")
+    dome = Sdf.PrimSpec(holder, name, Sdf.SpecifierDef, "DomeLight")
     constant(dome, schema.INTENSITY, 1.0)
     constant(dome, schema.COLOR, Gf.Vec3f(1))
     constant(dome, schema.TEXTURE_FORMAT, "latlong")

@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writing lobe tracks as a USD stage with three representations."""
+"""Writing lobe tracks as a USD stage."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from asglight.lobes import LobeTracks
+from asglight.threads import one_thread
 from asglight.usd.check.lint import lint_stage
 from asglight.usd.check.trust import our_own
 from asglight.usd.lights import cards
-from asglight.usd.options import STAGE_SUFFIXES, StageOptions, check_stage_options
+from asglight.usd.options import (
+    STAGE_SUFFIXES,
+    Representation,
+    StageOptions,
+    check_stage_options,
+)
 from asglight.usd.spaces import space_for
 from asglight.usd.write import layer, staging
 from asglight.usd.write.authoring import TrackAuthor
@@ -19,7 +26,7 @@ def write_usd(
     tracks: LobeTracks,
     path: str | Path,
     *,
-    representation: str = StageOptions.representation,
+    representations: Sequence[str] = StageOptions.representations,
     distance: float | None = StageOptions.distance,
     dome_height: int = StageOptions.dome_height,
     meters_per_unit: float = StageOptions.meters_per_unit,
@@ -29,7 +36,7 @@ def write_usd(
     distant_lights: int = StageOptions.distant_lights,
     card_texture: bool = StageOptions.card_texture,
 ) -> WriteReport:
-    """Write tracks as one stage that holds cards, distant lights and a dome as variants.
+    """Write tracks as one stage that holds cards, distant lights, a dome, or several as variants.
 
     The dome's images go to the folder `<stem>_dome` beside the stage, `<stem>.<frame>.exr`, those
     of the cards' fill are `<stem>.fill.<frame>.exr`; tracks that never change have one. The texture
@@ -39,7 +46,8 @@ def write_usd(
     Args:
         tracks: Lobes of F frames; metadata of JSON values, which come back as JSON gives them.
         path: Target: `.usda` is text, `.usdc` and `.usd` are crates, `.usdz` is a package.
-        representation: The variant that the stage shows: `cards`, `distant` or `dome`.
+        representations: What the stage holds, the one that it opens with first: `cards`, `distant`,
+            `dome`. One alone needs no variants.
         distance: Of the cards from the origin, in stage units; None for 1,000 m.
         dome_height: Rows of the dome's images; there are twice as many columns.
         meters_per_unit: Length of a stage unit.
@@ -60,7 +68,7 @@ def write_usd(
     """
     path = Path(path)
     options = StageOptions(
-        representation=representation,
+        representations=tuple(representations),
         distance=distance,
         dome_height=dome_height,
         meters_per_unit=meters_per_unit,
@@ -73,7 +81,7 @@ def write_usd(
     check_stage_options(options)
     check_tracks(tracks)
     check_target(path, STAGE_SUFFIXES)
-    with staging.staged(path) as place, our_own():
+    with one_thread(), staging.staged(path) as place, our_own():
         beside, author = _write_files(tracks, options, place)
         findings = lint_stage(place)
         if findings:
@@ -90,8 +98,12 @@ def _write_files(
         The images that go with it, and what authored the stage.
     """
     space = space_for(options)
-    kinds = cards.kinds(tracks.lobes, textured=options.card_texture)
-    of_all = staging.write_dome(tracks, place, options.dome_height, space)
+    kinds: list[cards.Kind] = []
+    of_all: list[Path] = []
+    if Representation.DOME in options.held:
+        of_all = staging.write_dome(tracks, place, options.dome_height, space)
+    if Representation.CARDS in options.held:
+        kinds = cards.kinds(tracks.lobes, textured=options.card_texture)
     fill = staging.write_fill(tracks, kinds, place, space)
     card = staging.write_card(kinds, place)
     files = [*of_all, *fill, *card]

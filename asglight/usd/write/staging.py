@@ -117,9 +117,9 @@ def write_fill(
     Raises:
         InputError: A file cannot be written.
     """
-    broad = torch.tensor([kind is cards.Kind.FILL for kind in kinds])
-    if not bool(broad.any()):
+    if cards.Kind.FILL not in kinds:
         return []
+    broad = torch.tensor([kind is cards.Kind.FILL for kind in kinds])
     names = tuple(name for name, one in zip(tracks.names, broad, strict=True) if one)
     chosen = replace(tracks, lobes=tracks.lobes.to("cpu").select(broad), names=names)
     return write_dome(chosen, place, cards.FILL_HEIGHT, space, ".fill")
@@ -134,6 +134,7 @@ def write_card(kinds: Sequence[cards.Kind], place: Path) -> list[Path]:
     if cards.Kind.TEXTURED not in kinds:
         return []
     path = dome_folder(place) / f"{place.stem}.card.exr"
+    path.parent.mkdir(exist_ok=True)
     with _named_as_asked(place):
         card_texture.write_texture(path)
     return [path]
