@@ -77,7 +77,7 @@ def stage_of(path: Path) -> Path | None:
     """
     from asglight.usd.options import STAGE_SUFFIXES
 
-    if path.suffix.lower() in STAGE_SUFFIXES and not path.is_dir():
+    if path.suffix.lower() in STAGE_SUFFIXES and not os.path.isdir(path):
         return path
     if not path.is_dir():
         return None
@@ -140,7 +140,7 @@ def _stage(stage: Path, request: Request) -> "Session":
     from asglight.viewer.state import ViewerState
 
     with contextlib.ExitStack() as on_failure:
-        if not stage.exists() and checkpoint_of(stage).exists():
+        if not os.path.exists(stage) and os.path.exists(checkpoint_of(stage)):
             source, tracks = _watched(stage)
         else:
             from asglight.usd import read_stage
