@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lobe tracks in continuous time: what a lobe is between two frames.
+
+With s in [0, 1] from one frame to the next, a lobe has
+
+    flux         (1 - s) Phi_0 + s Phi_1, in each channel
+    sharpness    exp((1 - s) log s_0 + s log s_1), along each axis
+    frame        slerp(R_0, R_1, s): it turns evenly, the shortest way
+
+and the amplitude is the flux over the integral of the unit lobe. Amplitude and sharpness are not
+interpolated by themselves: their product would be a flux between the frames that neither has.
+
+A lobe that is black in one of two frames has the other's shape between them, so a light comes and
+goes in its place. Before the first frame and after the last, lobes are those of that frame.
+
+Dimension letters: T times, F frames, N lobes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from asglight.lobes import asg, frames
+from asglight.lobes.data import Form, Lobes, LobeTracks
+
+
+def at(tracks: LobeTracks, times: Sequence[float]) -> Lobes:
+    """Return the lobes of tracks at any times.
+
+    At a frame they are those of the frame.
+
+    Args:
+        tracks: Lobes of F frames.
+        times: In frame numbers; fractions lie between frames.
+
+    Returns:
+        Lobes in float64 on the CPU.  [T, N, .]
+    """
+    lobes = exact(tracks.lobes)
+    numbers = torch.tensor(tracks.frames, dtype=torch.float64)
+    time = torch.tensor(list(times), dtype=torch.float64).clamp(numbers[0], numbers[-1])
+    before = (torch.searchsorted(numbers, time, right=True) - 1).clamp(0, len(numbers) - 1)
+    after = (before + 1).clamp(max=len(numbers) - 1)
+    span = (numbers[after] - numbers[before]).clamp(min=1)  # 0 at the last frame alone
+    part = ((time - numbers[before]) / span)[:, None]
+    first = lobes[before]
+    return between(first, frames.align(lobes[after], first), part)
+
+
+def between(first: Lobes, last: Lobes, part: Tensor) -> Lobes:
+    """Return the lobes between two frames.
+
+    Args:
+        first: Of the one frame, in float64.  [..., N, .]
+        last: Of the other, with the equal axes that are nearest to the first's
+            (`frames.align`, `frames.continuous`).  [..., N, .]
+        part: How far, from 0 to 1; at both ends the lobes are the frame's own.  [..., N] or what
+            broadcasts to it
+    """
+    start, end = shapes(first, last)
+    part = part.to(first.amplitude).expand(first.amplitude.shape[:-1])
+    share = part[..., None]
+    flux = (1 - share) * asg.flux(first) + share * asg.flux(last)
+    sharpness = torch.exp((1 - share) * start.sharpness.log() + share * end.sharpness.log())
+    moved = replace(
+        first, axes=_turned(start, end, part), sharpness=sharpness, amplitude=torch.ones_like(flux)
+    )
+    moved = replace(moved, amplitude=flux / asg.integral(moved)[..., None])
+    return _where(share == 0, first, _where(share == 1, last, moved))
+
+
+def shapes(first: Lobes, last: Lobes) -> tuple[Lobes, Lobes]:
+    """Return lobes of two frames with the axes and sharpness between which they are interpolated.
+
+    They are their own, but for a lobe that is black in one frame only: it has the other's.
+
+    Args:
+        first: Of the one frame.  [..., N, .]
+        last: Of the other.  [..., N, .]
+    """
+    first_is_black, last_is_black = is_black(first), is_black(last)
+    appears = (first_is_black & ~last_is_black)[..., None]
+    vanishes = (last_is_black & ~first_is_black)[..., None]
+    return _shaped(appears, first, last), _shaped(vanishes, last, first)
+
+
+def is_black(lobes: Lobes) -> Tensor:
+    """Tell which lobes send no light.  [..., N]."""
+    return (lobes.amplitude <= 0).all(-1)
+
+
+def exact(lobes: Lobes) -> Lobes:
+    """Return lobes in float64 on the CPU, their frames orthonormal."""
+    lobes = lobes.to("cpu", torch.float64)
+    return replace(lobes, axes=frames.orthonormal(lobes.axes))
+
+
+def _turned(start: Lobes, end: Lobes, part: Tensor) -> Tensor:
+    """Return frames that turn evenly.  [..., N, 3, 3].
+
+    A lobe of the sg form has no x axis of its own; only its direction turns.
+    """
+    axes = end.axes
+    if start.form is Form.SG:
+        axes = frames.parallel_transport(start.axes, end.axis_z)
+    return frames.slerp(start.axes, axes, part)
+
+
+def _shaped(where: Tensor, lobes: Lobes, others: Lobes) -> Lobes:
+    """Return lobes, where marked with the axes and sharpness of others.  [..., N, 1] marks."""
+    return replace(
+        lobes,
+        axes=torch.where(where[..., None], others.axes, lobes.axes),
+        sharpness=torch.where(where, others.sharpness, lobes.sharpness),
+    )
+
+
+def _where(mark: Tensor, lobes: Lobes, others: Lobes) -> Lobes:
+    """Return lobes where marked, and the others elsewhere.  [..., N, 1] marks."""
+    shaped = _shaped(~mark, lobes, others)
+    return replace(shaped, amplitude=torch.where(mark, lobes.amplitude, others.amplitude))
