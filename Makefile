@@ -5,8 +5,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
+SEQUENCES2X ?= ../shared/sequences2x
 
-.PHONY: help setup setup-dcc demo pictures bench bench-fit bench-command gpu figures stress soak test test-fast test-usd test-dcc test-dcc-short \
+.PHONY: help setup setup-dcc demo pictures bench bench-fit bench-motion bench-command gpu figures stress soak test test-fast test-usd test-dcc test-dcc-short \
   test-ball-truth dcc-picture lint format clean
 
 help:            ## list the targets
@@ -42,6 +43,9 @@ stress: setup    ## stiff, extreme and broken input, measured, into docs/stress.
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
 	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
+
+bench-motion: setup  ## light between frames and at them, on SEQUENCES2X and SEQUENCES (bench-motion/)
+	$(BIN)/python -m benchmarks.motion.measure --sequences "$(SEQUENCES2X)" "$(SEQUENCES)" -o bench-motion
 
 bench-command: setup  ## whole commands as ratios, held against the baseline (command-output/); BLESS=1 renews it
 	$(BIN)/python -m benchmarks.command -o command-output $(if $(BLESS),--bless)
@@ -96,4 +100,4 @@ format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) .venv-dcc .venv-gpu gpu-output command-output demo-output dcc-output pictures bench-output bench-fit figures-output stress-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis soak-output
+	rm -rf $(VENV) .venv-dcc .venv-gpu gpu-output command-output demo-output dcc-output pictures bench-output bench-fit bench-motion figures-output stress-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis soak-output

@@ -5,6 +5,7 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
+from asglight.cli import between
 from asglight.cli.frames import chosen_frames, warn_of_unread
 from asglight.cli.parser import (
     add_follow_option,
@@ -29,7 +30,8 @@ from asglight.judging.metrics import (
 )
 from asglight.lobes import LobeTracks
 
-EXAMPLE = "asglight eval sky.usda --reference sky.####.exr"
+EXAMPLE = """asglight eval sky.usda --reference sky.####.exr
+between frames: asglight eval sky.usda --reference sky.####.exr --between"""
 
 EXPLANATION = """\
 env: radiance error over the sphere; flux: error of the total; irr: of the irradiance (irrMax: its
@@ -39,11 +41,13 @@ frame to frame. All relative to the reference; 0 is perfect."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `eval`."""
-    parser.description = f"{parser.description}\n\n{EXPLANATION}"
+    parser.description = f"{parser.description}\n\n{EXPLANATION}\n\n{between.EXPLANATION}"
     parser.add_argument("stage", metavar="STAGE", help="a stage that asglight has written")
     parser.add_argument(
         "--reference", required=True, metavar="INPUT", help="image file, folder or pattern"
     )
+    half = "judge the light between frames, by leaving out every second one"
+    parser.add_argument("--between", action="store_true", help=half)
     add_input_options(parser)
     add_rig_option(parser)
     add_follow_option(parser)
@@ -52,6 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge each frame and print the errors."""
+    if arguments.between:
+        return _run_between(arguments)
     from asglight.usd import read_stage
 
     reading = read_stage(arguments.stage, arguments.rig)
@@ -65,6 +71,16 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(errors_table(errors))
     warn_of_unread(arguments.stage, reading)
+    return 0
+
+
+def _run_between(arguments: argparse.Namespace) -> int:
+    with reporter() as report:
+        found = between.document_of(arguments, report)
+    if arguments.json:
+        print_json({"stage": arguments.stage, "reference": arguments.reference} | found)
+    else:
+        print(between.between_table(found))
     return 0
 
 

@@ -46,6 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     for option in given(read_options(arguments)):
         raise InputError(f"{option}: given with a stage; expected it with images only.")
     from asglight.usd import read_stage
+    from asglight.usd.read.between import samples_between
     from asglight.usd.stage import representations_of
 
     shown, held = representations_of(arguments.stage, arguments.rig)
@@ -55,6 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         "bytes": os.path.getsize(arguments.stage),
         "representation": shown,
         "representations": held,
+        "samples_between": samples_between(arguments.stage, arguments.rig),
         "changes": list(reading.changes),
         "unread": list(reading.unread),
         **as_document(reading.tracks),
@@ -123,6 +125,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
         f"{document['form']}, {counted(len(frames), 'frame')} ({frame_range(frames)}) at "
         f"{document['fps']:g} fps, {size(document['bytes'])}",
         representation_line(document),
+        f"between frames: {counted(document['samples_between'], 'time sample')}",
     ]
     if "preset" in metadata:
         lines.append(

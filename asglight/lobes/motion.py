@@ -121,3 +121,43 @@ def _where(mark: Tensor, lobes: Lobes, others: Lobes) -> Lobes:
     """Return lobes where marked, and the others elsewhere.  [..., N, 1] marks."""
     shaped = _shaped(~mark, lobes, others)
     return replace(shaped, amplitude=torch.where(mark, lobes.amplitude, others.amplitude))
+
+
+def resting(lobes: Lobes) -> Lobes:
+    """Give black lobes the shape of a frame in which they are lit: `light_of` says which.
+
+    Args:
+        lobes: A shot.  [T, N, .]
+    """
+    source = light_of(is_black(lobes))
+    return replace(
+        lobes,
+        axes=_taken(lobes.axes, source),
+        sharpness=_taken(lobes.sharpness, source),
+    )
+
+
+def light_of(black: Tensor) -> Tensor:
+    """Tell for each sample in time which one's light it shows, if it shows any.
+
+    A lit one shows its own. A black one goes with the sample before it, if that is lit; else with
+    the next that is lit; else with the last that was.
+
+    Args:
+        black: Which samples send no light.  [T, ...]
+
+    Returns:
+        Places along T; its own where no sample is lit.  [T, ...]
+    """
+    count = len(black)
+    own = torch.arange(count).reshape(-1, *[1] * (black.ndim - 1)).expand_as(black)
+    last = torch.where(black, -1, own).cummax(0).values  # the last lit one so far; -1 for none
+    following = torch.where(black, count, own).flip(0).cummin(0).values.flip(0)
+    source = torch.where((following < count) & (last < own - 1), following, last)
+    return torch.where(source < 0, torch.where(following < count, following, own), source)
+
+
+def _taken(values: Tensor, source: Tensor) -> Tensor:
+    """Pick along the first dimension.  [T, N, ...] by [T, N]."""
+    index = source.reshape(*source.shape, *[1] * (values.ndim - source.ndim))
+    return values.gather(0, index.expand_as(values))

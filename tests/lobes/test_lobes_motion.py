@@ -140,3 +140,16 @@ def test_float32_tracks_are_evaluated_in_float64() -> None:
     assert single.amplitude.dtype == torch.float64
     gram = single.axes @ single.axes.mT
     np.testing.assert_allclose(gram, torch.eye(3).double().expand_as(gram), atol=1e-14)
+
+
+def test_black_frames_rest_in_the_shape_of_the_light_beside_them() -> None:
+    lit = torch.tensor([0, 0, 1, 0, 0, 0, 1, 0], dtype=torch.bool)[:, None]
+    wanted = [2, 2, 2, 2, 6, 6, 6, 6]
+    assert motion.light_of(~lit)[:, 0].tolist() == wanted
+    assert motion.light_of(torch.ones(3, 1, dtype=torch.bool))[:, 0].tolist() == [0, 1, 2]
+    lobes = stack([random_lobes(1, Form.ASG, seed=seed) for seed in range(8)])
+    lobes.amplitude[~lit] = 0
+    found = motion.resting(lobes)
+    assert torch.equal(found.sharpness, lobes.sharpness[wanted])
+    assert torch.equal(found.axes, lobes.axes[wanted])
+    assert torch.equal(found.amplitude, lobes.amplitude)

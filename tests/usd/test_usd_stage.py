@@ -128,7 +128,8 @@ def test_the_report_counts_the_samples_of_the_stage(tmp_path):
     opened.Traverse("/", count)
     assert report.samples_written == found
     attributes = 3 * (3 + 3 * 4 + 3) + 1
-    assert report.samples_written + report.samples_left_out == 20 * attributes
+    at_frames = report.samples_written - report.samples_between
+    assert at_frames + report.samples_left_out == 20 * attributes
 
 
 @pytest.mark.parametrize("name", ["SHOT.USDA", "sh ot@1 größe 50%.usdc", "a[1].usd", ".usdx.usda"])
@@ -143,12 +144,13 @@ def test_names_of_every_kind_work(name, tmp_path):
     assert read_usd(path).frames == (0, 1, 2)
 
 
-@pytest.mark.parametrize(("jitter", "megabytes"), [(0.0, 1.1), (0.1, 2.5)])
+@pytest.mark.parametrize(("jitter", "megabytes"), [(0.0, 1.1), (0.1, 4.8)])
 def test_a_long_shot_stays_small(jitter, megabytes, tmp_path):
     """15 lobes in 1000 frames, with both kinds of light and the paths of the dome's images.
 
     All lobes have three cards, the most there is. Where every sample is needed, such a lobe takes
-    160 bytes a frame (docs/usd.md), which no tolerance below the noise makes less.
+    160 bytes a frame (docs/usd.md), which no tolerance below the noise makes less; a tenth of noise
+    in every size and light of every frame takes as much again between frames.
     """
     tracks = moving(range(1000), lobes=15, jitter=jitter)
     images = layer.Images([f"./shot_dome/shot.{frame:04d}.exr" for frame in tracks.frames])

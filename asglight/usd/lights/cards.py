@@ -29,7 +29,7 @@ from asglight.lobes import asg, texels
 from asglight.lobes.data import Form, Lobes
 from asglight.usd import schema
 from asglight.usd.lights import card_texture
-from asglight.usd.lights.emission import intensity_and_color
+from asglight.usd.lights.emission import intensity_and_color, tinted
 from asglight.usd.lights.light import Light, on_sides
 
 
@@ -102,12 +102,20 @@ HALF_ANGLE_MAX_DEG = 85.0
 """Widest card; one of 90 degrees would be infinite. Lobes that spread farther are fill, unless they
 are too narrow the other way; those keep their flux."""
 
-_WIDEST = math.tan(math.radians(HALF_ANGLE_MAX_DEG))
-_SQUARE_MAX = (1 - 1 / (1 + _WIDEST**2)) / 3
+WIDEST = math.tan(math.radians(HALF_ANGLE_MAX_DEG))
+"""Its half width at distance 1."""
+
+_SQUARE_MAX = (1 - 1 / (1 + WIDEST**2)) / 3
 """Mean x^2 of a card that is the widest both ways."""
 
-FIXED_POINT_STEPS = 60
-"""A step halves the error at least, so 60 leave nothing that float64 can hold."""
+FIXED_POINT_STEPS = 30
+"""At most, each of two iterations and a limit; five are enough for any card."""
+
+_CONVERGED = 1e-9
+"""Relative, of s in the last step: the digits double with each, so what is left is 1e-11."""
+
+_ROUNDING = 1e-15
+"""Relative, of s: a sequence that bends by less has come to its limit."""
 
 
 def solid_angle(half_extent: Tensor) -> Tensor:
@@ -130,16 +138,54 @@ def half_extent(mean_squares: Tensor) -> Tensor:
     Returns:
         Half width and half height at distance 1.  [..., 2]
     """
-    rest = 1 - 3 * mean_squares
-    rest = rest.clamp(min=1 / (1 + _WIDEST**2))  # at and below it the card is the widest
-    corner = torch.zeros_like(rest[..., 0])
-    extent = torch.zeros_like(rest)
+    corner = torch.zeros_like(mean_squares[..., 0])
     for _ in range(FIXED_POINT_STEPS):
-        # s / atan s tends to 1; the clamp avoids 0 / 0 and is exact to 1e-24
-        ratio = corner.clamp(min=1e-12) / torch.atan(corner.clamp(min=1e-12))
-        extent = (ratio[..., None] / rest - 1).sqrt().clamp(max=_WIDEST)
-        corner = _corner(extent)
-    return extent
+        first = _corner(extent_of(mean_squares, _ratio(corner)))
+        second = _corner(extent_of(mean_squares, _ratio(first)))
+        # Aitken's limit of three terms of a sequence whose errors shrink by a factor
+        bend = second - 2 * first + corner
+        moves = bend.abs() > _ROUNDING * second
+        limit = corner - (first - corner).square() / torch.where(moves, bend, 1.0)
+        following = torch.where(moves, limit, second).clamp(min=0)
+        done = bool(((following - corner).abs() <= _CONVERGED * following).all())
+        corner = following
+        if done:
+            break
+    return extent_of(mean_squares, _ratio(corner))
+
+
+def extent_of(mean_squares: Tensor, ratio: Tensor) -> Tensor:
+    """Return (p, q) of cards, no wider than the widest.
+
+    Args:
+        mean_squares: Of unit directions, float64.  [..., 2]
+        ratio: s / atan s of the cards, as of `ratio_of`.  [..., 1]
+    """
+    rest = (1 - 3 * mean_squares).clamp(min=1 / (1 + WIDEST**2))  # at and below it it is widest
+    return (ratio / rest - 1).clamp(min=0).sqrt().clamp(max=WIDEST)
+
+
+def ratio_of(half_extent: Tensor) -> Tensor:
+    """Return s / atan s of cards, which changes little with their size.  [..., 2] -> [...]."""
+    return _ratio(_corner(half_extent))[..., 0]
+
+
+def _ratio(corner: Tensor) -> Tensor:
+    """Return s / atan s, which tends to 1; the clamp avoids 0 / 0 and is exact to 1e-24."""
+    corner = corner.clamp(min=1e-12)
+    return (corner / torch.atan(corner))[..., None]
+
+
+def extent(mean_squares: Tensor, *, is_textured: bool) -> Tensor:
+    """Return half width and half height at distance 1 of cards with or without the texture.
+
+    Args:
+        mean_squares: Mean x^2 and y^2 of their light, float64.  [..., 2]
+        is_textured: Whether they have it.
+    """
+    if is_textured:
+        return card_texture.half_extent(mean_squares, WIDEST)
+    return half_extent(mean_squares)
 
 
 def mean_squares(moments: asg.Moments) -> Tensor:
@@ -195,16 +241,16 @@ def values(
     found = {}
     for share, pieces in LEVELS[kind]:
         wanted = [squares * squares.new_tensor(piece.squares) for piece in pieces]
-        if kind is Kind.TEXTURED:
-            extents = [card_texture.half_extent(one, _WIDEST) for one in wanted]
-            angles = [card_texture.measured(extent).solid_angle for extent in extents]
+        is_textured = kind is Kind.TEXTURED
+        extents = [extent(one, is_textured=is_textured) for one in wanted]
+        if is_textured:
+            angles = [card_texture.measured(one).solid_angle for one in extents]
         else:
-            extents = [half_extent(one) for one in wanted]
-            angles = [solid_angle(extent) for extent in extents]
+            angles = [solid_angle(one) for one in extents]
         angle = torch.stack(angles).sum(0)
         intensity, color = intensity_and_color(share / sides * flux / angle[..., None])
-        for piece, extent in zip(pieces, extents, strict=True):
-            size = 2 * piece.distance * distance * extent
+        for piece, one in zip(pieces, extents, strict=True):
+            size = 2 * piece.distance * distance * one
             found[piece] = {
                 schema.WIDTH: size[..., :1],
                 schema.HEIGHT: size[..., 1:],
@@ -236,6 +282,8 @@ def lights(
         index = torch.tensor(members, dtype=torch.long)
         own = values(lobes.select(index), moments.select(index), distance, kind)
         for piece, tracks in own.items():
+            color = tinted(tracks[schema.INTENSITY][..., 0], tracks[schema.COLOR])
+            tracks = {**tracks, schema.COLOR: color}
             constants = {
                 schema.TRANSLATE: Gf.Vec3d(0, 0, piece.distance * distance),
                 schema.NORMALIZE: False,
@@ -250,4 +298,5 @@ def lights(
 
 def _corner(half_extent: Tensor) -> Tensor:
     """Return s = p q / sqrt(1 + p^2 + q^2), the tangent of a quarter of the solid angle."""
-    return half_extent.prod(-1) / (1 + half_extent.square().sum(-1)).sqrt()
+    p, q = half_extent.unbind(-1)
+    return p * q / (1 + (p * p + q * q)).sqrt()

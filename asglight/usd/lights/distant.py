@@ -17,7 +17,7 @@ from torch import Tensor
 from asglight.lobes import asg
 from asglight.lobes.data import Form, Lobes
 from asglight.usd import schema
-from asglight.usd.lights.emission import intensity_and_color
+from asglight.usd.lights.emission import intensity_and_color, tinted
 from asglight.usd.lights.light import Light, on_sides
 
 ANISOTROPIC = 1.1
@@ -70,10 +70,15 @@ def angle_deg(lobes: Lobes, moments: asg.Moments | None = None) -> Tensor:
         Degrees in [0, 180], float64.  [..., N]
     """
     zeroth, _, second = moments or asg.moments(lobes.to(torch.float64))
-    spread = (second[..., :2].sum(-1) / zeroth).clamp(max=2 / 3)
+    return torch.rad2deg(2 * disc_radius(second[..., :2].sum(-1) / zeroth)).clamp(max=180)
+
+
+def disc_radius(spread: Tensor) -> Tensor:
+    """Return the angular radius of the disc whose mean x^2 + y^2 is `spread`, in radians."""
+    spread = spread.clamp(max=2 / 3)
     # rounding may leave 9 - 12 m a hair below 0 at the hemisphere
     sine_squared = 3 * spread / (3 + (9 - 12 * spread).clamp(min=0).sqrt())
-    return torch.rad2deg(4 * torch.asin(sine_squared.sqrt())).clamp(max=180)
+    return 2 * torch.asin(sine_squared.sqrt())
 
 
 def lights(lobes: Lobes, moments: asg.Moments, threefold: Sequence[bool]) -> list[list[Light]]:
@@ -86,7 +91,7 @@ def lights(lobes: Lobes, moments: asg.Moments, threefold: Sequence[bool]) -> lis
     """
     irradiance = facing_irradiance(lobes, moments)
     angle = angle_deg(lobes, moments)
-    spreads = _Spread.of(moments)
+    spreads = Spread.of(moments.second[..., :2] / moments.zeroth[..., None])
     found = []
     for index, is_threefold in enumerate(threefold):
         facing = irradiance[:, index]
@@ -111,7 +116,7 @@ def threefold(lobes: Lobes, count: int) -> list[bool]:
 
 
 @dataclass(frozen=True)
-class _Spread:
+class Spread:
     """How three discs in a row cover a lobe.
 
     Attributes:
@@ -125,13 +130,12 @@ class _Spread:
     along_x: Tensor
 
     @classmethod
-    def of(cls, moments: asg.Moments) -> Self:
-        """Match the mean squares across and along a lobe.
+    def of(cls, squares: Tensor) -> Self:
+        """Match the mean squares across and along a lobe: its mean x^2 and y^2.  [..., 2].
 
         A disc of mean square m across each axis, tilted by t, has m + (1 - 3 m) sin^2 t along the
         row; the outer two of three carry `2 OUTER` of the light.
         """
-        squares = moments.second[..., :2] / moments.zeroth[..., None]
         across = squares.amin(-1).clamp(max=ACROSS_MAX)
         sine_squared = 3 * 2 * across / (3 + (9 - 24 * across).sqrt())
         radius = 2 * torch.asin(sine_squared.sqrt())
@@ -146,7 +150,7 @@ class _Spread:
         return type(self)(self.radius[:, index], self.tilt[:, index], self.along_x[:, index])
 
 
-def _three(facing: Tensor, spread: _Spread) -> list[Light]:
+def _three(facing: Tensor, spread: Spread) -> list[Light]:
     """Return the middle light and those to its sides, whose irradiances together are `facing`.
 
     Args:
@@ -174,7 +178,7 @@ def _light(name: str, irradiance: Tensor, angle: Tensor) -> Light:
     tracks = {
         schema.ANGLE: angle[:, None],
         schema.INTENSITY: intensity[:, None],
-        schema.COLOR: color,
+        schema.COLOR: tinted(intensity, color),
     }
     return Light(name, tracks, {schema.NORMALIZE: True})
 

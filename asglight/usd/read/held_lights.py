@@ -26,9 +26,9 @@ from asglight.usd.read.seen_cards import seen_from_origin
 from asglight.usd.read.view import View
 from asglight.usd.stage import DamagedValueError, prims_below
 
-EDITED = 1e-3
-"""Relative. Programs write four digits or more, and nobody sees less; samples that were left out
-cost a fifth of it."""
+EDITED = 7e-3
+"""Relative. Light edits are seen from a few percent on. Where a shot runs slower its frames lie
+between those of the rig, and there both a light and its lobe may be off by 3e-3."""
 
 LIGHT_MIN = 1e-37
 """Of a channel of a light; less counts as none. Below it come the numbers of float32 that have few

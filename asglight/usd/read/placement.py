@@ -96,7 +96,7 @@ class Placement:
         return words
 
 
-def placement_of(rig: Usd.Prim, times: tuple[int, ...]) -> Placement:
+def placement_of(rig: Usd.Prim, times: tuple[float, ...]) -> Placement:
     """Find how a rig stands at every frame.
 
     Raises:
@@ -116,7 +116,7 @@ def placement_of(rig: Usd.Prim, times: tuple[int, ...]) -> Placement:
     )
 
 
-def _checked(rig: Usd.Prim, linear: Array, times: tuple[int, ...]) -> Array:
+def _checked(rig: Usd.Prim, linear: Array, times: tuple[float, ...]) -> Array:
     volume = np.abs(np.linalg.det(linear))
     flat = np.flatnonzero(~((volume >= VOLUME_MIN) & np.isfinite(volume)))
     if len(flat):
@@ -125,7 +125,7 @@ def _checked(rig: Usd.Prim, linear: Array, times: tuple[int, ...]) -> Array:
     return linear
 
 
-def world_matrices(prim: Usd.Prim, times: tuple[int, ...]) -> Array:
+def world_matrices(prim: Usd.Prim, times: tuple[float, ...]) -> Array:
     """Return the transform of a prim to the stage at every frame.  [F, 4, 4]."""
     cache, found = UsdGeom.XformCache(), []
     for time in times:

@@ -64,6 +64,7 @@ def _listed(rig: Usd.Prim, offset: Sdf.LayerOffset, samples: set[float]) -> list
     """Return the frames that a rig lists, or None where it lists none that hold in this stage.
 
     A list that its samples contradict is of another time: flattening moves the samples and not it.
+    Lobes that move have samples at its first and its last frame; others may lie between frames.
     """
     listed = rig_data(rig).get("frames")
     if listed is None:
@@ -74,7 +75,8 @@ def _listed(rig: Usd.Prim, offset: Sdf.LayerOffset, samples: set[float]) -> list
         raise NoFramesError("damaged frames in the rig's custom data", "numbers") from error
     rounded = [round(frame) for frame in frames]
     are_whole = all(abs(frame - near) < WHOLE for frame, near in zip(frames, rounded, strict=True))
-    are_met = {round(sample) for sample in samples} <= set(rounded)
+    ends = sorted({round(sample) for sample in samples} or set(rounded))
+    are_met = (ends[0], ends[-1]) == (rounded[0], rounded[-1]) if rounded else False
     return rounded if are_whole and are_met else None
 
 
@@ -86,6 +88,21 @@ def _end(
         return float(stage.GetMetadata(key))
     own: Any = layer.pseudoRoot
     return float(offset * float(own.GetInfo(key))) if own.HasInfo(key) else otherwise
+
+
+def are_frames(rig: Usd.Prim, times: Iterable[float]) -> list[bool]:
+    """Tell which times of a stage are frames of a rig, however the stage retimes it.
+
+    The other times lie between: samples there say how a program is to interpolate.
+    """
+    back = _written_in(rig)[1].GetInverse()
+    listed = rig_data(rig).get("frames")
+    own = [float(back * float(time)) for time in times]
+    whole = [abs(time - round(time)) < WHOLE for time in own]
+    if listed is None:
+        return whole
+    chosen = {int(frame) for frame in listed}
+    return [good and round(time) in chosen for good, time in zip(whole, own, strict=True)]
 
 
 def _samples(lobes: Iterable[Usd.Prim]) -> set[float]:

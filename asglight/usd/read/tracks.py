@@ -8,7 +8,7 @@ gone.
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -95,7 +95,7 @@ def _reading(path: str, stage: Usd.Stage, rig: Usd.Prim) -> Reading:
         _fail(path, error.found, error.expected)
     space = _space(path, rig)
     distance = card_distance_of(rig)
-    lobes = _lobes(path, prims, times)
+    lobes = lobes_at(path, prims, times)
     placement = placement_of(rig, times)
     lobes, changes = with_light_edits(
         rig, prims, lobes, times, distance, placement, space.colorspace
@@ -124,7 +124,9 @@ def _space(path: str, rig: Usd.Prim) -> Space:
     return space
 
 
-def _lobes(path: str, prims: list[Usd.Prim], times: tuple[int, ...]) -> Lobes:
+def lobes_at(path: str, prims: list[Usd.Prim], times: Sequence[float]) -> Lobes:
+    """Return what the attributes of lobes say at some times, in the stage's space.  [T, N, .]."""
+
     def stacked(name: str, is_good: Callable[[NDArray], Any], expected: str) -> torch.Tensor:
         tracks = [_track(path, prim, name, times, is_good, expected) for prim in prims]
         return torch.from_numpy(np.stack(tracks, axis=1))  # [F, N, K]
@@ -148,7 +150,7 @@ def _track(
     path: str,
     prim: Usd.Prim,
     name: str,
-    times: tuple[int, ...],
+    times: Sequence[float],
     is_good: Callable[[NDArray], Any],
     expected: str,
 ) -> NDArray[np.float64]:

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
 from asglight.images import ocio
-from asglight.lobes import Lobes, asg
+from asglight.lobes import Lobes, asg, motion
 from asglight.usd import schema
 from asglight.usd.lights import cards, distant
 from asglight.usd.lights.light import Light
 from asglight.usd.read.placement import Placement, world_matrices
+from asglight.usd.read.times import are_frames
 from asglight.usd.schema import Representation
 from asglight.usd.stage import numbers, prims_below
 
@@ -75,6 +76,7 @@ class View:
             lobes: Those of the indices.  [F, N, .]
             indices: Of the lobes in the stage.
         """
+        lobes = motion.resting(lobes)
         moments = asg.moments(lobes.to(torch.float64))
         if self.is_cards:
             return cards.lights(
@@ -130,15 +132,16 @@ class View:
     def written_at(self, prim: Usd.Prim) -> NDArray[np.bool_]:
         """Tell in which frames a lobe or a light of its has samples; in all where none has.  [F].
 
-        Between samples of both nobody has written anything. There lights are what USD
-        interpolates, and that is not what the interpolated lobe would have, as in a shot that runs
-        slower.
+        Between the frames of the rig nobody has written anything, as in a shot that runs slower.
+        There lights are what USD interpolates, and that is the interpolated lobe's light to a few
+        thousandths only.
         """
         codes: set[float] = set()
         for one in prims_below(prim):
             for attribute in one.GetAuthoredAttributes():
                 codes.update(attribute.GetTimeSamples())
         met = np.array([float(time) in codes for time in self.times])
+        met &= np.array(are_frames(self.rig, self.times))
         return met if met.any() else np.ones(len(met), dtype=bool)
 
     def world(self, prim: Usd.Prim) -> Array:

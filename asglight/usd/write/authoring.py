@@ -7,7 +7,9 @@ samples, without those that interpolation reproduces (samples.py). Lights of one
 tracks in common, such as their colour: each is authored once and copied, which takes a tenth of the
 time, and a crate stores it once.
 
-Symbols: F frames, K components.
+Between frames, lights have the samples that linear interpolation needs (between.py).
+
+Symbols: F frames, T samples in time, K components.
 """
 
 from typing import Any
@@ -28,42 +30,52 @@ class TrackAuthor:
     Attributes:
         frames: Frame numbers.  [F]
         written: Time samples authored.
-        left_out: Time samples that interpolation or a constant default reproduces.
+        between: How many of them lie between frames.
+        left_out: Frames without a sample: interpolation or a constant default reproduces them.
     """
 
     def __init__(self, frames: tuple[int, ...]) -> None:
         """Start counting."""
         self.frames = np.asarray(frames, dtype=np.float64)
         self.written = 0
+        self.between = 0
         self.left_out = 0
-        self._authored: dict[tuple[str, float, bytes], tuple[Sdf.Path, NDArray[np.bool_]]] = {}
+        self._authored: dict[
+            tuple[str, float, bytes, bytes], tuple[Sdf.Path, NDArray[np.bool_]]
+        ] = {}
 
     def track(
-        self, prim: Sdf.PrimSpec, name: str, values: Tensor, tolerance: float
+        self,
+        prim: Sdf.PrimSpec,
+        name: str,
+        values: Tensor,
+        tolerance: float,
+        times: NDArray[np.float64],
     ) -> NDArray[np.float32]:
         """Author one attribute over all frames.
 
         Args:
             prim: Owner.
             name: Attribute.
-            values: One value a frame; quaternions as (w, x, y, z).  [F, K]
+            values: One value a time; quaternions as (w, x, y, z).  [T, K]
             tolerance: Relative error of a sample left out; quaternions have their own.
+            times: Of the values: all frames, and some between.  [T]
 
         Returns:
             What was authored: the default, then the samples.  [1 + samples, K]
         """
         rounded = values.to(torch.float32).numpy()
         kind = schema.VALUE_TYPES[name]
-        key = str(kind), tolerance, rounded.tobytes()
+        key = str(kind), tolerance, rounded.tobytes(), times.tobytes()
         same = self._authored.get(key)
         if same is None:
-            keep = self._needed(rounded, kind, tolerance)
-            self.held(prim, name, _to_gf(rounded, kind), keep)
+            keep = _needed(rounded, kind, tolerance, times)
+            self._author(prim, name, _to_gf(rounded, kind), keep, times)
             self._authored[key] = prim.path.AppendProperty(name), keep
         else:
             path, keep = same
             Sdf.CopySpec(prim.layer, path, prim.layer, prim.path.AppendProperty(name))
-            self._count(keep)
+            self._count(keep, times)
         return np.concatenate([rounded[:1], rounded[keep]])
 
     def held(
@@ -77,23 +89,39 @@ class TrackAuthor:
             values: One value a frame, as USD stores it.
             keep: Marks the samples; none leaves the default alone.  [F]
         """
+        self._author(prim, name, values, keep, self.frames)
+
+    def _author(
+        self,
+        prim: Sdf.PrimSpec,
+        name: str,
+        values: list[Any],
+        keep: NDArray[np.bool_],
+        times: NDArray[np.float64],
+    ) -> None:
         path = constant(prim, name, values[0]).path
-        set_sample, codes = prim.layer.SetTimeSample, self.frames.tolist()
+        set_sample, codes = prim.layer.SetTimeSample, times.tolist()
         for index in np.flatnonzero(keep).tolist():
             set_sample(path, codes[index], values[index])
-        self._count(keep)
+        self._count(keep, times)
 
-    def _count(self, keep: NDArray[np.bool_]) -> None:
+    def _count(self, keep: NDArray[np.bool_], times: NDArray[np.float64]) -> None:
+        at_frames = keep if len(times) == len(self.frames) else keep & np.isin(times, self.frames)
         self.written += int(keep.sum())
-        self.left_out += len(keep) - int(keep.sum())
+        self.between += int(keep.sum() - at_frames.sum())
+        self.left_out += len(self.frames) - int(at_frames.sum())
 
-    def _needed(
-        self, values: NDArray[np.float32], kind: Sdf.ValueTypeName, tolerance: float
-    ) -> NDArray[np.bool_]:
-        exact = values.astype(np.float64)
-        if kind == Sdf.ValueTypeNames.Quatf:
-            return samples.kept_quaternions(exact, self.frames)
-        return samples.kept(exact, self.frames, tolerance)
+
+def _needed(
+    values: NDArray[np.float32],
+    kind: Sdf.ValueTypeName,
+    tolerance: float,
+    times: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    exact = values.astype(np.float64)
+    if kind == Sdf.ValueTypeNames.Quatf:
+        return samples.kept_quaternions(exact, times)
+    return samples.kept(exact, times, tolerance)
 
 
 def constant(prim: Sdf.PrimSpec, name: str, value: Any) -> Sdf.AttributeSpec:

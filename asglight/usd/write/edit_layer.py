@@ -21,12 +21,12 @@ from torch import Tensor
 
 from asglight.errors import InputError
 from asglight.images.message import shown
-from asglight.lobes import LobeTracks, asg
+from asglight.lobes import LobeTracks
 from asglight.usd import schema
 from asglight.usd.check.lint import lint_stage
 from asglight.usd.check.trust import our_own
 from asglight.usd.digest import author_digest, digest_of_prim
-from asglight.usd.lights import cards, distant
+from asglight.usd.lights import cards
 from asglight.usd.lights.light import Light
 from asglight.usd.options import STAGE_SUFFIXES
 from asglight.usd.read.placement import as_written, placement_of
@@ -51,6 +51,7 @@ from asglight.usd.stage import (
 )
 from asglight.usd.write import layer, samples, staging
 from asglight.usd.write.authoring import TrackAuthor
+from asglight.usd.write.between import Shot
 from asglight.usd.write.checks import check_target, check_tracks
 from asglight.usd.write.staging import WriteReport
 
@@ -78,18 +79,20 @@ axes that were read from it, and that of the quaternion made of them."""
 
 @dataclass(frozen=True)
 class _Track:
-    """What an attribute should be at every frame.
+    """What an attribute should be at every frame, and between.
 
     Attributes:
         path: The attribute in the layer, with its variant.
         representation: Whose light it is of; None for the lobe itself.
-        values: One value a frame.  [F, K]
+        values: One value a time.  [T, K]
+        times: All frames, and some between.  [T]
         tolerance: Relative error of a sample left out.
     """
 
     path: Sdf.Path
     representation: Representation | None
     values: Tensor
+    times: NDArray[np.float64]
     tolerance: float
 
 
@@ -208,42 +211,48 @@ def _tracks(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> Iter
     names = [prim.GetName() for prim in lobe_prims(below.rig)]
     scope = below.rig.GetPath().AppendChild(schema.LOBES)
     own = [scope.AppendChild(names[index]) for index in chosen]
-    for place, path in enumerate(own):
-        for name, values in layer.lobe_tracks(lobes).items():
+    shot = Shot(lobes, np.asarray(tracks.frames, dtype=np.float64))
+    for path, one in zip(own, shot.of_lobes(), strict=True):
+        for name, values in layer.lobe_tracks(one.lobes).items():
             target = path.AppendProperty(name)
-            yield _Track(target, None, values[:, place], layer.LOBE_TOLERANCE)
-    moments = asg.moments(lobes)
-    lights: dict[Representation, list[list[Light]]] = {}
+            yield _Track(target, None, values[:, 0], one.times, layer.LOBE_TOLERANCE)
+    lights: dict[Representation, list[layer.TimedLights]] = {}
     if Representation.CARDS in below.options.held:
         distance, kinds = below.options.card_distance, below.kinds_of(chosen)
-        lights[Representation.CARDS] = cards.lights(lobes, moments, distance, kinds)
+        lights[Representation.CARDS] = layer.card_lights(shot, distance, kinds)
     if Representation.DISTANT in below.options.held:
         threefold = [below.threefold[index] for index in chosen]
-        lights[Representation.DISTANT] = distant.lights(lobes, moments, threefold)
+        lights[Representation.DISTANT] = layer.distant_lights(shot, threefold)
     for representation, of_lobes in lights.items():
         holder = place_of(below.rig, representation)
         held = [path.ReplacePrefix(below.rig.GetPath(), holder) for path in own]
-        for path, of_lobe in zip(held, of_lobes, strict=True):
-            yield from _of_lobe(path, representation, of_lobe)
+        for path, (of_lobe, times) in zip(held, of_lobes, strict=True):
+            yield from _of_lobe(path, representation, of_lobe, times)
 
 
 def _of_lobe(
-    lobe: Sdf.Path, representation: Representation, lights: Sequence[Light]
+    lobe: Sdf.Path,
+    representation: Representation,
+    lights: Sequence[Light],
+    times: NDArray[np.float64],
 ) -> Iterator[_Track]:
     """Yield the tracks of one lobe's lights."""
     for light in lights:
         path = lobe.AppendChild(light.name) if light.name else lobe
         for name, values in light.tracks.items():
             target = path.AppendProperty(name)
-            yield _Track(target, representation, values, layer.LIGHT_TOLERANCE)
+            yield _Track(target, representation, values, times, layer.LIGHT_TOLERANCE)
 
 
 def _differs(below: _Source, track: _Track) -> bool:
-    """Tell whether the stage shows something else at any frame."""
+    """Tell whether the stage shows something else at any frame.
+
+    Between frames it then does too, for what lies there follows from the frames.
+    """
     held = below.values(track)
     if held is None:
         return True
-    wanted = track.values.numpy()
+    wanted = track.values.numpy()[np.isin(track.times, below.tracks.frames)]
     if schema.VALUE_TYPES[track.path.name] == Sdf.ValueTypeNames.Quatf:  # q and -q are one rotation
         held = held * np.where((held * wanted).sum(-1, keepdims=True) < 0, -1.0, 1.0)
         return bool((np.abs(held - wanted) > SAME_QUATERNIONS).any())
@@ -269,7 +278,7 @@ def _build(
     author = TrackAuthor(tracks.frames)
     for track in differing:
         prim = Sdf.CreatePrimInLayer(built, track.path.GetPrimPath())
-        author.track(prim, track.path.name, track.values, track.tolerance)
+        author.track(prim, track.path.name, track.values, track.tolerance, track.times)
     owners = {schema.DOME: Representation.DOME, schema.FILL: Representation.CARDS}
     for name, files in images.items():
         if files:

@@ -15,11 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from pxr import Gf, Sdf, Vt
 from torch import Tensor
 
-from asglight.lobes import LobeTracks, asg, frames
+from asglight.lobes import LobeTracks, frames
 from asglight.lobes.data import Lobes
+from asglight.threads import one_thread
 from asglight.usd import schema
 from asglight.usd.digest import author_digest, digest_of_values
 from asglight.usd.lights import cards, distant
@@ -28,6 +30,7 @@ from asglight.usd.options import StageOptions
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_for, to_stage
 from asglight.usd.write.authoring import TrackAuthor, constant
+from asglight.usd.write.between import Sampled, Shot
 
 LOBE_TOLERANCE = 1e-6
 """Relative. A lobe comes back to float32 rounding, about ten units in the last place."""
@@ -52,6 +55,7 @@ class Images(NamedTuple):
     card: str = ""
 
 
+@one_thread()  # blocks are small: threads wait for each other longer than they work
 def build(
     tracks: LobeTracks,
     options: StageOptions,
@@ -75,7 +79,7 @@ def build(
     author = TrackAuthor(tracks.frames)
     space = space_for(options)
     lobes = continuous(to_stage(tracks.lobes, space))
-    moments = asg.moments(lobes)
+    shot = Shot(lobes, author.frames)
     with Sdf.ChangeBlock():
         rig = _author_rig(layer, options.primary_path)
         _author_stage_metadata(layer, tracks, options)
@@ -83,14 +87,14 @@ def build(
         _author_asset(rig, space, name)
         if len(options.held) > 1:
             _author_selection(rig, options)
-        _author_lobes(author, rig, tracks.names, lobes)
+        _author_lobes(author, rig, tracks.names, shot.of_lobes())
         for representation, holder in _holders(rig, options).items():
-            lights: Sequence[Sequence[Light]] = [[]] * lobes.count
+            lights: list[TimedLights] = [((), author.frames)] * lobes.count
             if representation is Representation.CARDS:
-                lights = cards.lights(lobes, moments, options.card_distance, kinds, images.card)
+                lights = card_lights(shot, options.card_distance, kinds, images.card)
             elif representation is Representation.DISTANT:
                 threefold = distant.threefold(tracks.lobes, options.distant_lights)
-                lights = distant.lights(lobes, moments, threefold)
+                lights = distant_lights(shot, threefold)
             kind = schema.LIGHT_TYPES[representation]
             _author_lights(author, holder, kind, tracks.names, lights)
             if representation is Representation.CARDS and cards.Kind.FILL in kinds:
@@ -120,6 +124,40 @@ def lobe_tracks(lobes: Lobes) -> dict[str, Tensor]:
         schema.SHARPNESS: lobes.sharpness,
         schema.AMPLITUDE: lobes.amplitude,
     }
+
+
+TimedLights = tuple[Sequence[Light], NDArray[np.float64]]
+"""The lights of one lobe, and the times of their samples."""
+
+
+def card_lights(
+    shot: Shot, distance: float, kinds: Sequence[cards.Kind], texture: str = ""
+) -> list[TimedLights]:
+    """Return the cards of every lobe, with samples between frames.
+
+    Args:
+        shot: The lobes.
+        distance: From the origin to the cards, in stage units.
+        kinds: What each lobe is.
+        texture: That of the cards, relative to the stage; empty where there is none.
+    """
+    return [
+        (cards.lights(one.lobes, one.moments, distance, [kind], texture)[0], one.times)
+        for one, kind in zip(shot.of_cards(kinds), kinds, strict=True)
+    ]
+
+
+def distant_lights(shot: Shot, threefold: Sequence[bool]) -> list[TimedLights]:
+    """Return the distant lights of every lobe, with samples between frames.
+
+    Args:
+        shot: The lobes.
+        threefold: Which have three lights.
+    """
+    return [
+        (distant.lights(one.lobes, one.moments, [is_three])[0], one.times)
+        for one, is_three in zip(shot.of_distant(threefold), threefold, strict=True)
+    ]
 
 
 def author_textures(author: TrackAuthor, dome: Sdf.PrimSpec, textures: Sequence[str]) -> None:
@@ -199,16 +237,16 @@ def _custom_data(tracks: LobeTracks, options: StageOptions) -> dict[str, Any]:
 
 
 def _author_lobes(
-    author: TrackAuthor, rig: Sdf.PrimSpec, names: Sequence[str], lobes: Lobes
+    author: TrackAuthor, rig: Sdf.PrimSpec, names: Sequence[str], lobes: Sequence[Sampled]
 ) -> None:
     scope = Sdf.PrimSpec(rig, schema.LOBES, Sdf.SpecifierDef, "Scope")
-    tracks = lobe_tracks(lobes)
-    for index, name in enumerate(names):
+    for name, one in zip(names, lobes, strict=True):
+        tracks = lobe_tracks(one.lobes)
         lobe = Sdf.PrimSpec(scope, name, Sdf.SpecifierDef)
         lobe.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=[schema.LOBE_API]))
-        constant(lobe, schema.FORM, str(lobes.form))
+        constant(lobe, schema.FORM, str(one.lobes.form))
         authored = [
-            author.track(lobe, attribute, tracks[attribute][:, index], LOBE_TOLERANCE)
+            author.track(lobe, attribute, tracks[attribute][:, 0], LOBE_TOLERANCE, one.times)
             for attribute in schema.LOBE_TRACKS
         ]
         author_digest(lobe, digest_of_values(authored))
@@ -219,17 +257,17 @@ def _author_lights(
     holder: Sdf.PrimSpec,
     type_name: str,
     names: Sequence[str],
-    lights: Sequence[Sequence[Light]],
+    lights: Sequence[TimedLights],
 ) -> None:
     """Author the lights of every lobe; a lobe without one is data."""
     scope = _child(holder, schema.LOBES)
-    for name, own in zip(names, lights, strict=True):
+    for name, (own, times) in zip(names, lights, strict=True):
         lobe = _child(scope, name)
         if not any(light.name == "" for light in own):
             lobe.typeName = "Xform"
             constant(lobe, schema.OP_ORDER, [schema.ORIENT])
         for light in own:
-            _author_light(author, lobe, type_name, light)
+            _author_light(author, lobe, type_name, light, times)
 
 
 def _child(parent: Sdf.PrimSpec, name: str) -> Sdf.PrimSpec:
@@ -238,7 +276,13 @@ def _child(parent: Sdf.PrimSpec, name: str) -> Sdf.PrimSpec:
     return found or Sdf.PrimSpec(parent, name, Sdf.SpecifierOver)
 
 
-def _author_light(author: TrackAuthor, lobe: Sdf.PrimSpec, type_name: str, light: Light) -> None:
+def _author_light(
+    author: TrackAuthor,
+    lobe: Sdf.PrimSpec,
+    type_name: str,
+    light: Light,
+    times: NDArray[np.float64],
+) -> None:
     if light.name:
         prim, ops = Sdf.PrimSpec(lobe, light.name, Sdf.SpecifierDef, type_name), light.ops
     else:
@@ -248,7 +292,7 @@ def _author_light(author: TrackAuthor, lobe: Sdf.PrimSpec, type_name: str, light
         constant(prim, attribute, value)
     constant(prim, schema.OP_ORDER, list(ops))
     for attribute, tensor in light.tracks.items():
-        author.track(prim, attribute, tensor, LIGHT_TOLERANCE)
+        author.track(prim, attribute, tensor, LIGHT_TOLERANCE, times)
 
 
 def _author_dome(

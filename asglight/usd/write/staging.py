@@ -34,12 +34,14 @@ class WriteReport:
         files: The stage, then the dome's images.
         bytes: Their size together.
         samples_written: Time samples in the stage.
-        samples_left_out: Time samples that interpolation or a constant default reproduces.
+        samples_between: How many of them lie between frames.
+        samples_left_out: Samples at frames that interpolation or a constant default reproduces.
     """
 
     files: tuple[Path, ...]
     bytes: int
     samples_written: int
+    samples_between: int
     samples_left_out: int
 
 
@@ -193,4 +195,4 @@ def move_into_place(
     os.replace(place, path)
     files = (path, *images)
     size = sum(file.stat().st_size for file in files)
-    return WriteReport(files, size, author.written, author.left_out)
+    return WriteReport(files, size, author.written, author.between, author.left_out)

@@ -1,0 +1,400 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far linear interpolation strays from lobes in motion, for each kind of light.
+
+A span is the time from one frame to the next of one lobe that is lit in both. A program
+interpolates each attribute linearly between two samples in a span. The error is that of the light
+which such attributes give against the light of the lobe at the same time: of its flux, of its
+radiance and of its direction, each over what is allowed, the largest at the times that are probed.
+
+The lobe's flux is linear. Mean squares and other values of the shape are known at a few even steps;
+in between, a polynomial goes through their logarithms, which for narrow lobes is exact.
+
+Symbols: S spans, Q probes, K even steps, C cards.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol, Self
+
+import torch
+from torch import Tensor
+
+from asglight.lobes import Lobes, asg
+from asglight.usd.lights import cards, distant
+from asglight.usd.lights.emission import intensity_and_color
+
+FLUX, RADIANCE, TURN_DEG = 3e-3, 1e-2, 0.1
+"""What a light may be off between frames: its flux; the error of its radiance integrated over all
+directions, over its flux; its direction."""
+
+MARGIN = 0.8
+"""Of these. The rest is for samples that are left out (layer.LIGHT_TOLERANCE) and for what a
+polynomial does not tell of a shape."""
+
+FAINT = 0.01
+"""A lobe with less than this share of the flux of all counts as having it."""
+
+SLOPE_STEP = 1e-3
+"""Of the logarithm of the sharpness: differences are exact to its square."""
+
+PROBES = (0.25, 0.5, 0.75)
+"""Of the way between two samples: errors are 0 at both and, where they matter, of second order."""
+
+
+class Times(NamedTuple):
+    """When errors are probed, in shares of the span.
+
+    Attributes:
+        now: The probes.  [S, Q]
+        before: The sample before them.  [S, 1]
+        after: The sample after them.  [S, 1]
+    """
+
+    now: Tensor
+    before: Tensor
+    after: Tensor
+
+    @classmethod
+    def of(cls, before: Tensor, after: Tensor) -> Self:
+        """Return the probes between two samples.  [S]."""
+        first, last = before[:, None], after[:, None]
+        return cls(first + torch.tensor(PROBES, dtype=first.dtype) * (last - first), first, last)
+
+    @staticmethod
+    def lerp(before: Tensor, after: Tensor) -> Tensor:
+        """Interpolate as a program does.  [S, 1] or [S, 1, K] -> [S, Q] or [S, Q, K]."""
+        share = torch.tensor(PROBES, dtype=before.dtype).reshape(-1, *[1] * (before.ndim - 2))
+        return before + share * (after - before)
+
+
+class Spans(Protocol):
+    """Spans of one kind of light."""
+
+    def at(self, index: Tensor) -> Self:
+        """Pick spans."""
+        ...
+
+    def error(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return the largest error between two samples, over what is allowed.
+
+        Args:
+            before: The one, in shares of the span.  [S]
+            after: The other.  [S]
+
+        Returns:
+            [S]
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Together:
+    """Spans of several lights that share their samples."""
+
+    parts: Sequence[Spans]
+
+    def at(self, index: Tensor) -> Self:
+        """Pick spans."""
+        return type(self)([part.at(index) for part in self.parts])
+
+    def error(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return the largest error of any light."""
+        return torch.stack([part.error(before, after) for part in self.parts]).amax(0)
+
+
+@dataclass(frozen=True)
+class Flux:
+    """The flux of lobes over their spans.
+
+    Attributes:
+        first: At the beginning.  [S, 3]
+        last: At the end.  [S, 3]
+        faint: The least that errors are relative to, at both ends.  [S, 2]
+    """
+
+    first: Tensor
+    last: Tensor
+    faint: Tensor
+
+    def at(self, index: Tensor) -> Self:
+        """Pick spans."""
+        return type(self)(self.first[index], self.last[index], self.faint[index])
+
+    def part(self, share: float) -> Self:
+        """Return a share of it."""
+        return type(self)(share * self.first, share * self.last, share * self.faint)
+
+    def when(self, time: Tensor) -> Tensor:
+        """Return it at shares of the span.  [S, Q] -> [S, Q, 3]."""
+        first, last = self.first[:, None], self.last[:, None]
+        return first + time[..., None] * (last - first)
+
+    def scale(self, time: Tensor) -> Tensor:
+        """Return what errors are relative to.  [S, Q]."""
+        first, last = self.faint[:, :1], self.faint[:, 1:]
+        return torch.maximum(total(self.when(time)), first + time * (last - first))
+
+
+def worst(flux: Tensor, radiance: Tensor, scale: Tensor) -> Tensor:
+    """Return the largest of errors of flux and radiance over what is allowed.  [S, Q] -> [S]."""
+    over = torch.maximum(flux.abs() / FLUX, radiance / RADIANCE) / scale
+    return over.amax(-1) / MARGIN
+
+
+def total(light: Tensor) -> Tensor:
+    """Return the sum of the channels; `sum` takes five times as long.  [..., 3] -> [...]."""
+    red, green, blue = light.unbind(-1)
+    return red + green + blue
+
+
+def through(nodes: Tensor, time: Tensor) -> Tensor:
+    """Return the polynomial through what is known at even steps from the beginning to the end.
+
+    Args:
+        nodes: At 0, 1 / (K - 1), ..., 1.  [S, K, ...]
+        time: [S, Q]
+
+    Returns:
+        [S, Q, ...]
+    """
+    count = nodes.shape[1]
+    steps = torch.arange(count, dtype=time.dtype)
+    way = time[..., None] * (count - 1) - steps  # [S, Q, K]
+    others = ~torch.eye(count, dtype=torch.bool)
+    basis = torch.stack(
+        [way[..., o].prod(-1) / (k - steps[o]).prod() for k, o in enumerate(others)], -1
+    )
+    return torch.einsum("sqk,sk...->sq...", basis, nodes)
+
+
+def gaussian_radiance(flux: Tensor, wanted: Tensor, shapes: Tensor) -> Tensor:
+    """Return the integral of the error of a Gaussian's radiance, from above.
+
+    With exponents u and v along its axes, each distributed as Gamma(1/2, 1), a change of the
+    sharpness by xi and eta in the logarithm and of the flux by phi changes the radiance by
+    phi - xi (u - 1/2) - eta (v - 1/2); its mean absolute value is at most the root of its mean
+    square, phi^2 + (xi^2 + eta^2) / 2.
+
+    Args:
+        flux: As interpolated.  [S, Q, 3]
+        wanted: As it should be.  [S, Q, 3]
+        shapes: xi and eta.  [S, Q, 2]
+    """
+    spread = wanted.square() * (shapes[..., :1].square() + shapes[..., 1:].square()) / 2
+    return total(((flux - wanted).square() + spread).sqrt())
+
+
+@dataclass(frozen=True)
+class LobeSpans:
+    """Spans of what a lobe is: sharpness and amplitude.
+
+    Attributes:
+        flux: Its flux.
+        sharpness: Its logarithm at both ends.  [S, 2, 2]
+        integral: Logarithm of the unit lobe's integral, at even steps.  [S, K]
+        slopes: Its slopes along the logarithms of the sharpness, likewise.  [S, K, 2]
+    """
+
+    flux: Flux
+    sharpness: Tensor
+    integral: Tensor
+    slopes: Tensor
+
+    @classmethod
+    def of(cls, flux: Flux, lobes: Lobes, integral: Tensor) -> Self:
+        """Take lobes at even steps [S, K, .], and the integrals of unit lobes [S, K]."""
+        slopes = []
+        for axis in (0, 1):
+            step = lobes.sharpness.new_zeros(2)
+            step[axis] = SLOPE_STEP
+            ends = [
+                asg.integral(replace(lobes, sharpness=lobes.sharpness * factor)).log()
+                for factor in (step.exp(), (-step).exp())
+            ]
+            slopes.append((ends[0] - ends[1]) / (2 * SLOPE_STEP))
+        sharpness = lobes.sharpness[:, [0, -1]].log()
+        return cls(flux, sharpness, integral.log(), torch.stack(slopes, -1))
+
+    def at(self, index: Tensor) -> Self:
+        """Pick spans."""
+        return type(self)(
+            self.flux.at(index), self.sharpness[index], self.integral[index], self.slopes[index]
+        )
+
+    def error(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return the largest error."""
+        times = Times.of(before, after)
+        sharpness = times.lerp(*(self._log(time).exp() for time in (times.before, times.after)))
+        amplitude = times.lerp(*(self._amplitude(time) for time in (times.before, times.after)))
+        shapes = sharpness.log() - self._log(times.now)
+        slopes = through(self.slopes, times.now)
+        integral = through(self.integral, times.now) + (slopes * shapes).sum(-1)
+        flux, wanted = amplitude * integral.exp()[..., None], self.flux.when(times.now)
+        return worst(
+            total(flux - wanted),
+            gaussian_radiance(flux, wanted, shapes),
+            self.flux.scale(times.now),
+        )
+
+    def _log(self, time: Tensor) -> Tensor:
+        first, last = self.sharpness[:, :1], self.sharpness[:, 1:]
+        return first + time[..., None] * (last - first)  # [S, Q, 2]
+
+    def _amplitude(self, time: Tensor) -> Tensor:
+        return self.flux.when(time) / through(self.integral, time).exp()[..., None]
+
+
+@dataclass(frozen=True)
+class CardSpans:
+    """Spans of cards that have one radiance, such as `tall` and `wide`.
+
+    Attributes:
+        flux: Theirs together.
+        squares: Logarithms of their mean x^2 and y^2, at even steps.  [S, K, C, 2]
+        ratios: What gives their sizes from these (`cards.extent_of`), likewise; for cards with the
+            texture, their sizes.  [S, K, C, .]
+        is_textured: Whether they have the texture.
+    """
+
+    flux: Flux
+    squares: Tensor
+    ratios: Tensor
+    is_textured: bool = False
+
+    @classmethod
+    def of(
+        cls, flux: Flux, squares: Tensor, pieces: Sequence[cards.Piece], *, is_textured: bool
+    ) -> Self:
+        """Take the mean squares of lobes at even steps.  [S, K, 2]."""
+        relative = squares.new_tensor([piece.squares for piece in pieces])
+        own = squares[:, :, None] * relative  # [S, K, C, 2]
+        extents = cards.extent(own, is_textured=is_textured)
+        ratios = extents.log() if is_textured else cards.ratio_of(extents)[..., None]
+        return cls(flux, own.log(), ratios, is_textured)
+
+    def at(self, index: Tensor) -> Self:
+        """Pick spans."""
+        return replace(
+            self,
+            flux=self.flux.at(index),
+            squares=self.squares[index],
+            ratios=self.ratios[index],
+        )
+
+    def error(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return the largest error of any card."""
+        times = Times.of(before, after)
+        now, first, last = (self._sizes(time) for time in (times.now, times.before, times.after))
+        light = self._light(times.now, now)
+        (dim, dim_tint), (lit, lit_tint) = (
+            intensity_and_color(self._light(time, sizes))
+            for time, sizes in ((times.before, first), (times.after, last))
+        )
+        shown = times.lerp(dim, lit)[..., None] * times.lerp(dim_tint, lit_tint)
+        size = times.lerp(first, last)  # [S, Q, C, 2]
+        solid, true_solid = cards.solid_angle(size), cards.solid_angle(now)
+        shown, light = shown[:, :, None], light[:, :, None]
+        flux, true = shown * solid[..., None], light * true_solid[..., None]
+        common = cards.solid_angle(torch.minimum(size, now))
+        radiance = _apart(shown, flux, light, true, common)  # of a Gaussian it is less
+        over = self.flux.scale(times.now) / total(self.flux.when(times.now))
+        scale = total(true) * over[..., None]
+        return worst(*(one.flatten(1) for one in (total(flux - true), radiance, scale)))
+
+    def _sizes(self, time: Tensor) -> Tensor:
+        """Return half width and half height of the cards at distance 1.  [S, Q, C, 2]."""
+        ratios = through(self.ratios, time)
+        if self.is_textured:
+            return ratios.exp()
+        return cards.extent_of(through(self.squares, time).exp(), ratios)
+
+    def _light(self, time: Tensor, sizes: Tensor) -> Tensor:
+        """Return the radiance.  [S, Q, 3]."""
+        whole = cards.solid_angle(sizes).sum(-1)
+        return self.flux.when(time) / whole[..., None]
+
+
+@dataclass(frozen=True)
+class DiscSpans:
+    """Spans of a lobe's distant lights: one disc, or three in a row.
+
+    Attributes:
+        flux: The lobe's.
+        facing: Logarithm of the irradiance on a patch that faces it, over the flux, at even
+            steps.  [S, K]
+        squares: Logarithms of its mean x^2 and y^2.  [S, K, 2]
+        is_three: Whether they are three.
+    """
+
+    flux: Flux
+    facing: Tensor
+    squares: Tensor
+    is_three: bool
+
+    def at(self, index: Tensor) -> Self:
+        """Pick spans."""
+        return replace(
+            self,
+            flux=self.flux.at(index),
+            facing=self.facing[index],
+            squares=self.squares[index],
+        )
+
+    def error(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return the largest error of any disc."""
+        times = Times.of(before, after)
+        (true_radius, tilt), *ends = (self._discs(time) for time in times)
+        radius, tilted = (times.lerp(first, last) for first, last in zip(*ends, strict=True))
+        wanted = self._light(times.now, tilt)
+        (dim, dim_tint), (lit, lit_tint) = (
+            intensity_and_color(self._light(time, end[1]))
+            for time, end in zip((times.before, times.after), ends, strict=True)
+        )
+        irradiance = times.lerp(dim, lit)[..., None] * times.lerp(dim_tint, lit_tint)
+        shown = irradiance / (torch.pi * radius.sin().square())[..., None]
+        light = wanted / (torch.pi * true_radius.sin().square())[..., None]
+        solid, true_solid = _cap(radius), _cap(true_radius)
+        flux, true = shown * solid[..., None], light * true_solid[..., None]
+        radiance = _apart(shown, flux, light, true, torch.minimum(solid, true_solid))
+        over = self.flux.scale(times.now) / total(self.flux.when(times.now))
+        scale = total(true) * over
+        moved = (tilted - tilt).norm(dim=-1)
+        # of two discs side by side, 4 d / (pi r) of the area lies outside the other, d apart
+        aside = 2 * distant.OUTER * 4 * moved / (torch.pi * true_radius)
+        radiance = radiance + aside * total(true)
+        turned = torch.rad2deg(moved).amax(-1) / (MARGIN * TURN_DEG)
+        return torch.maximum(worst(total(flux - true), radiance, scale), turned)
+
+    def _light(self, time: Tensor, tilt: Tensor) -> Tensor:
+        """Return the irradiance of the discs, up to a constant.  [S, Q, 3]."""
+        whole = (1 - 2 * distant.OUTER) + 2 * distant.OUTER * tilt.norm(dim=-1).cos()
+        return self.flux.when(time) * (through(self.facing, time).exp() / whole)[..., None]
+
+    def _discs(self, time: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the radius of the discs [S, Q], and the way to the outer ones [S, Q, 2]."""
+        squares = through(self.squares, time).exp()
+        if not self.is_three:
+            return distant.disc_radius(squares.sum(-1)), torch.zeros_like(squares)
+        spread = distant.Spread.of(squares)
+        along_x = spread.along_x[..., None] == torch.tensor([True, False])
+        return spread.radius, torch.where(along_x, spread.tilt[..., None], 0.0)
+
+
+def _apart(shown: Tensor, flux: Tensor, light: Tensor, wanted: Tensor, common: Tensor) -> Tensor:
+    """Return the integral of the difference of two even lights about one centre.
+
+    Args:
+        shown: Radiance of the one.  [S, Q, 3]
+        flux: Its flux.  [S, Q, 3]
+        light: Radiance of the other.  [S, Q, 3]
+        wanted: Its flux.  [S, Q, 3]
+        common: Solid angle that both shine from.  [S, Q]
+    """
+    both = common[..., None]
+    beyond = (flux - shown * both) + (wanted - light * both)
+    return total((shown - light).abs() * both + beyond.clamp(min=0))
+
+
+def _cap(radius: Tensor) -> Tensor:
+    """Return the solid angle of discs."""
+    return 4 * torch.pi * (radius / 2).sin().square()
