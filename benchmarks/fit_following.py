@@ -14,14 +14,14 @@ from torch import Tensor
 from asglight.cli.progress import Reporter
 from asglight.fitting import paper
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import LINKS
-from asglight.fitting.temporal import waiting
+from asglight.fitting.sequence import REFINEMENT
 from asglight.images import sequence as image_sequence
 from asglight.judging.clock import Clock, Point
 from asglight.judging.following import follow, jumps, matched, refined
 from asglight.judging.metrics import METRIC_NAMES, frame_errors, sequence_errors
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
+from asglight.lobes.fading import carried_on
 
 PRESETS = (Preset.LIVE, Preset.FAST, Preset.BEST)
 
@@ -59,7 +59,7 @@ def following(
         follow(references[:2], options)  # unmeasured: prepares the grids
         label = f"following: {sequence.name}, {preset}"
         fitted = follow(report.follow(references, label, len(frames)), options)
-        if preset in LINKS:
+        if preset in REFINEMENT:
             fitted = refined(references, *fitted, preset)
         methods[preset.value] = _account(references, *fitted, peers)
     alone = references[:peers]
@@ -93,7 +93,7 @@ def _account(
 
     Flicker is that of all frames and, as `flicker_first`, of the first so many.
     """
-    found = [waiting(stack(list(found)))[index] for index in range(len(found))]
+    found = [carried_on(stack(list(found)))[index] for index in range(len(found))]
     pairs = zip(found, references, strict=True)
     judged = [(frame, frame_errors(*pair)) for frame, pair in enumerate(pairs)]
     errors, of_first = sequence_errors(judged), sequence_errors(judged[:first])

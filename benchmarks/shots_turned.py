@@ -24,10 +24,10 @@ from torch import Tensor
 from asglight.fitting import lobe_images, measures
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.fitting.probes import probe, split
-from asglight.fitting.temporal import waiting
 from asglight.judging.following import follow, jumps, matched, refined
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
+from asglight.lobes.fading import carried_on
 
 PRESETS = (Preset.LIVE, Preset.FAST, Preset.BEST)
 
@@ -102,7 +102,7 @@ def measured(maps: list[Tensor], options: FitOptions, *, fresh: bool = False) ->
     else:
         if options.preset is not Preset.LIVE:
             found, seconds = refined(maps, found, seconds, options.preset)
-        shot = waiting(stack(found))  # as it is written
+        shot = carried_on(stack(found))  # as it is written
         lobes = [shot[frame] for frame in range(len(maps))]
     truth = [measures.shown(each) for each in maps]
     errors = [measures.errors(*pair) for pair in zip(lobes, truth, strict=True)]

@@ -11,6 +11,9 @@ from asglight.lobes import Form
 FIT_HEIGHT = 256
 """Rows of the map that is fitted, as in Clausen et al. 2024; finer maps are averaged down to it."""
 
+TRACKS_PER_LOBE = 2
+"""Of a shot: at most half of them are lit in a frame (slots.py)."""
+
 LOBES = 15
 """Lobes of a fit that asks for no number, as in Clausen et al. 2024."""
 
@@ -58,6 +61,7 @@ class FitOptions:
         max_lobes: With a tolerance, lobes at most; None for `MAX_LOBES`.
         preroll: The first frame of the shot, for a part of it that is to have the same lobes as the
             other parts; None begins from nothing.
+        moving: Whether other frames follow: the fit then has spare tracks (slots.py).
     """
 
     lobes: int | None = None
@@ -69,11 +73,21 @@ class FitOptions:
     tolerance: float | None = None
     max_lobes: int | None = None
     preroll: int | None = None
+    moving: bool = False
 
     @property
     def count(self) -> int:
         """Number of lobes of one fit."""
         return LOBES if self.lobes is None else self.lobes
+
+    def lobes_of(self, tracks: int) -> int:
+        """Return the number of lobes of a fit that has so many tracks."""
+        return tracks // TRACKS_PER_LOBE if self.has_spare_tracks else tracks
+
+    @property
+    def has_spare_tracks(self) -> bool:
+        """Whether there are `TRACKS_PER_LOBE` tracks for each lobe."""
+        return self.moving and self.preset is not Preset.PAPER
 
     def settled(self, frames: int) -> Self:
         """Return the same settings with every number that they leave open.
@@ -85,7 +99,7 @@ class FitOptions:
             frames: Of the shot.
         """
         is_still = frames == 1 and self.preroll is None
-        settled = self if is_still else replace(self, form=self.form or Form.ASG)
+        settled = self if is_still else replace(self, form=self.form or Form.ASG, moving=True)
         if self.tolerance is None:
             return replace(settled, lobes=self.count)
         return replace(settled, max_lobes=self.max_lobes or MAX_LOBES)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import first_frame, following, paper, paper_losses
+from asglight.fitting import first_frame, following, paper, paper_losses, slots, whole_shot
 from asglight.fitting.first_frame import FrameFit, fit_first_frame, mean_radiance
 from asglight.fitting.following import fit_next_frame
 from asglight.fitting.options import FitOptions, Preset
@@ -22,16 +22,14 @@ _EFFORT = {
     Preset.BEST: first_frame.BEST,
 }
 
-_PURSUIT = {
+_SETTINGS = {
     Preset.LIVE: following.LIVE,
     Preset.FAST: following.FAST,
     Preset.BEST: following.BEST,
 }
 
-LINKS = {Preset.FAST: False, Preset.BEST: True}
-"""Whether lobes are linked over the shot that is read once more, of presets that do: `live` has no
-time, and `paper` is as published. `fast` follows, as `live` does, and is within a quarter second a
-frame; fits to link take it as long as following."""
+REFINEMENT = {Preset.FAST: whole_shot.Refinement(), Preset.BEST: whole_shot.Refinement()}
+"""How a shot is refined, by presets that do: `live` has no time, and `paper` is as published."""
 
 StepCallback = Callable[[int, int, float], None]
 """Called with the step, the number of steps and the loss, where a frame takes long."""
@@ -67,9 +65,11 @@ def fit_frame(
             effort = _EFFORT[options.preset]
             fit = fit_first_frame(reference, options.count, form, effort, threads=threads)
             fit = replace(fit, lobes=canonical(fit.lobes))
+            if options.has_spare_tracks:
+                fit = replace(fit, lobes=slots.with_spare_tracks(fit.lobes))
         else:
-            pursuit = _PURSUIT[options.preset]
-            fit = fit_next_frame(reference, previous, earlier, pursuit, threads)
+            settings = _SETTINGS[options.preset]
+            fit = fit_next_frame(reference, previous, earlier, settings, threads)
     return replace(fit, lobes=fit.lobes.clone())  # a tensor of inference mode cannot be changed
 
 

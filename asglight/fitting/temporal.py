@@ -32,10 +32,6 @@ has moved by its own width."""
 DARK_SHARE = 1e-4
 """Share of the flux below which a lobe counts as dark: nobody sees it move."""
 
-FAINT_SHARE = 0.005
-"""Share of the flux below which a lobe may turn far while it goes dark or comes from there: half
-of what is seen to jump (asglight.judging), for later passes change its light a little."""
-
 DARK_UNIT = 1e-6
 """Unit of the light of a black lobe, in mean radiances of the map: its share is 0, and its way must
 stay finite."""
@@ -104,33 +100,11 @@ def is_dark(lobes: Lobes) -> Tensor:
 
     [..., N, .] -> [..., N].
     """
-    return _below(lobes, DARK_SHARE)
-
-
-def is_faint(lobes: Lobes) -> Tensor:
-    """Tell which lobes hold so little of the flux that one may turn as it goes dark.
-
-    [..., N, .] -> [..., N].
-    """
-    return _below(lobes, FAINT_SHARE)
-
-
-def _below(lobes: Lobes, share: float) -> Tensor:
     flux = asg.flux(lobes).sum(-1)
-    return flux < share * flux.sum(-1, keepdim=True)
+    return flux <= DARK_SHARE * flux.sum(-1, keepdim=True)
 
 
-def waiting(lobes: Lobes) -> Lobes:
-    """Let dark lobes point where they will be lit next, so that no lit lobe jumps.
-
-    A lobe turns between a frame in which it is faint and the next, in which it is dark. Where it
-    was lit just before, the first dark frame keeps its direction.
-
-    Args:
-        lobes: A shot.  [F, N, .]
-    """
-    dark, faint, axes = is_dark(lobes), is_faint(lobes), lobes.axes.clone()
-    for frame in range(len(axes) - 2, -1, -1):
-        free = dark[frame] if frame == 0 else dark[frame] & faint[frame - 1]
-        axes[frame] = torch.where(free[:, None, None], axes[frame + 1], axes[frame])
-    return replace(lobes, axes=axes)
+def blackened(lobes: Lobes) -> Lobes:
+    """Return lobes of which the dark ones are black, so that they may be placed anywhere."""
+    dark = is_dark(lobes)[..., None]
+    return replace(lobes, amplitude=torch.where(dark, 0.0, lobes.amplitude))

@@ -1,181 +1,234 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pass over a whole shot, some frames at a time.
+"""Two-sided temporal refinement: every frame of a shot once more, between both its neighbours.
 
-Frame by frame, a fit knows only what came before. Here every frame takes some more steps between
-its two neighbours (between.py). `best` fits the frames once more before that, with lobes that are
-free to jump (free_fits.py), and where these show much more of the light links them to tracks that
-do not (linking.py).
+Frame by frame, a fit knows only what came before. Here steps are taken with the temporal term
+towards both neighbours, first for the frames at even places and then for those at odd ones: a
+Gauss-Seidel sweep. Frames of one kind are no neighbours, so a GPU has them all at once. The term is
+a norm (temporal.py): between two places that a lamp passes it pulls to neither, and a track that is
+dark in a neighbour is not held by it, so a cut is a cut.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 from torch import Tensor
 
-from asglight.fitting import temporal
-from asglight.fitting.between import Chunk, cuts, sweep
-from asglight.fitting.first_frame import Exposed
-from asglight.fitting.free_fits import free_fit
-from asglight.fitting.linking import linked, worths
+from asglight.fitting import light, lobe_images, newton, objective, temporal
+from asglight.fitting.first_frame import Exposed, narrowest, with_flux_of
+from asglight.fitting.following import DAMPING_START
+from asglight.fitting.objective import Corners
 from asglight.lobes import Lobes
-from asglight.lobes.data import stack
+from asglight.lobes.data import chosen
+from asglight.threads import side_by_side
 
 CHUNK = 16
 """Frames in memory: 25 MB of maps of 256 rows, and half as many side by side."""
 
-SWEEPS, LINKED_SWEEPS = 2, 4
-"""Over lobes that were followed: a second one takes 2 % of flicker off a room seen by hand and 5 %
-of flicker and r0.5 off a tunnel, a third half as much. Over lobes that were linked, each frame
-alone, the first one brings most of the way."""
+GROUP = 4
+"""Frames that take steps together on the processor, where each thread has a group; a GPU has all.
+They stop together, so groups must not depend on the number of threads."""
 
-GAIN = 0.3
-"""Share of what materials show wrong by which free lobes must be better than followed ones. Under a
-sky and in a room the median frame gains 0.03 and 0.01, the best 0.28; in a tunnel half gain 0.5."""
 
-GAP = 8
-"""Frames between such frames that are taken free as well: each change of sides darkens lobes."""
+@dataclass(frozen=True)
+class Refinement:
+    """How a shot is refined.
+
+    Attributes:
+        sweeps: Over each chunk of frames.
+        steps: Of each frame in a sweep.
+        corners: phi's corners.
+        gamma: Weight of the temporal term towards each neighbour: several times that towards the
+            frame before, which does not know where the lobes go.
+        rise: A frame stays as it was whose J, or what materials show of it, would grow by more than
+            this share.
+    """
+
+    sweeps: int = 2
+    steps: int = 6
+    corners: Corners = Corners(0.1, 0.005)  # noqa: RUF009  frozen
+    gamma: float = 0.02
+    rise: float = 0.1
+
 
 Read = Callable[[], Iterable[list[Exposed]]]
 """Reads the maps of a shot in order, about `CHUNK` at a time."""
 
 OnChunk = Callable[[int, int], None]
-"""Called with how many readings of a frame are done, and how many there will be."""
-
-
-@dataclass(frozen=True)
-class _Swept:
-    """A shot after steps between neighbours.
-
-    Attributes:
-        lobes: Every frame.  [F, N, .]
-        losses: J of each; 0 for what was not refined.
-        materials: J's part of what materials show of each.
-    """
-
-    lobes: Lobes
-    losses: list[float]
-    materials: list[float]
+"""Called with how many frames are done, and how many there are."""
 
 
 def refine_shot(
     lobes: Lobes,
     read: Read,
+    settings: Refinement,
     *,
-    links: bool = False,
     threads: int = 1,
     on_chunk: OnChunk = lambda *_: None,
 ) -> tuple[Lobes, list[float]]:
     """Refine a shot.
 
+    Black frames stay as they are, and so do all of a chunk where its maps differ in size.
+
     Args:
         lobes: Every frame as fitted, in the units of its map.  [F, N, .]
-        read: Reads the maps; called once, or twice with `links`.
-        links: Whether lobes are fitted free as well, and linked where that shows more.
+        read: Reads the maps.
+        settings: How.
         threads: Frames take steps on so many at once; the shot does not depend on it.
         on_chunk: Progress.
 
     Returns:
         The lobes [F, N, .] and the loss of each frame.
     """
-    shot = temporal.waiting(lobes).clone()
-    count = len(shot.axes)
-    if not links:
-        found = _swept([(shot, SWEEPS)], read(), threads, lambda done: on_chunk(done, count))[0]
-        return found.lobes, found.losses
-    places = cuts(shot)
-    other = _linked(shot, places, read(), lambda done: on_chunk(done, 2 * count))
-    ways = [(shot, SWEEPS)] if other is None else [(shot, SWEEPS), (other, LINKED_SWEEPS)]
-    found, *rest = _swept(ways, read(), threads, lambda done: on_chunk(count + done, 2 * count))
-    if rest:
-        found = _better(found, rest[0], places)
-    return found.lobes, found.losses
+    shot, losses = lobes.clone(), [0.0] * len(lobes.axes)
+    first = 0
+    for frames in read():
+        if len({frame.height for frame in frames}) == 1:
+            for _ in range(settings.sweeps):
+                _sweep(shot, losses, first, frames, settings, threads)
+        first += len(frames)
+        on_chunk(first, len(losses))
+    return shot, losses
 
 
-def _swept(
-    ways: list[tuple[Lobes, int]],
-    chunks: Iterable[list[Exposed]],
-    threads: int,
-    on_frames: Callable[[int], None],
-) -> list[_Swept]:
-    """Sweep shots of the same maps, each so many times, in place.
-
-    Black frames stay as they are, and so do all of a chunk where its maps differ in size.
-    """
-    found = [_Swept(shot, [], []) for shot, _ in ways]
-    for frames in chunks:
-        first, zeros = len(found[0].losses), [0.0] * len(frames)
-        for (shot, sweeps), swept in zip(ways, found, strict=True):
-            chunk = Chunk(first, frames, zeros.copy(), zeros.copy())
-            if len({frame.height for frame in frames}) == 1:
-                for _ in range(sweeps):
-                    sweep(shot, chunk, chunk.places, threads)
-            swept.losses.extend(chunk.losses)
-            swept.materials.extend(chunk.materials)
-        on_frames(first + len(frames))
-    return found
-
-
-def _linked(
+def _sweep(
     shot: Lobes,
-    places: list[int],
-    chunks: Iterable[list[Exposed]],
-    on_frames: Callable[[int], None],
-) -> Lobes | None:
-    """Fit every frame with free lobes and link them where these show more; None where nowhere.
+    losses: list[float],
+    first: int,
+    frames: list[Exposed],
+    settings: Refinement,
+    threads: int,
+) -> None:
+    """Take steps for the frames of a chunk, in place.
 
     Args:
-        shot: As followed.  [F, N, .]
-        places: Frames after cuts.
-        chunks: The maps.
-        on_frames: Progress.
+        shot: Every frame, in the units of its map.  [F, N, .]
+        losses: J of each frame.
+        first: Index of the chunk's first frame in the shot.
+        frames: The maps of the chunk.
+        settings: How.
+        threads: Groups of frames that take steps at once.
     """
-    free: list[Lobes] = []
-    gains: list[float] = []
-    both: list[tuple[Tensor, Tensor]] = []
-    for frames in chunks:
-        for frame in frames:
-            own = shot[len(free)]
-            fit = free_fit(frame, free[-1] if free else own, own)
-            free.append(fit.lobes)
-            gains.append(fit.gain)
-            both.append((worths(fit.lobes, fit.missed), worths(own, fit.followed_missed)))
-        on_frames(len(free))
-    freed = _stretches(torch.tensor(gains) > GAIN)
-    if not bool(freed.any()):
-        return None
-    lobes = stack([free[k] if freed[k] else shot[k] for k in range(len(free))])
-    worth = torch.stack([both[k][0 if freed[k] else 1] for k in range(len(free))])
-    found = shot.clone()
-    for first, last in pairwise([0, *places, len(free)]):
-        part = slice(first, last)
-        if bool(freed[part].any()):
-            _put(found, part, linked(lobes[part], worth[part], ~freed[part]))
-    return found
+    on_gpu = frames[0].radiance.is_cuda
+    for parity in (0, 1):
+        own = [
+            first + place
+            for place, frame in enumerate(frames)
+            if frame.exposure > 0 and (first + place) % 2 == parity
+        ]
+        size = max(len(own), 1) if on_gpu else GROUP
+        groups = (own[at : at + size] for at in range(0, len(own), size))
+        steps = (
+            partial(_step, shot, losses, group, [frames[k - first] for k in group], settings)
+            for group in groups
+        )
+        for _ in side_by_side(steps, 1 if on_gpu else threads):
+            pass
 
 
-def _put(shot: Lobes, part: slice, lobes: Lobes) -> None:
-    """Write lobes into neighbouring frames of a shot."""
-    shot.axes[part], shot.sharpness[part] = lobes.axes, lobes.sharpness
-    shot.amplitude[part] = lobes.amplitude
+def _step(
+    shot: Lobes,
+    losses: list[float],
+    places: list[int],
+    frames: list[Exposed],
+    settings: Refinement,
+) -> None:
+    """Take steps for frames none of which is another's neighbour, in place."""
+    whole = objective.target(torch.cat([frame.radiance for frame in frames]), settings.corners)
+    index = torch.tensor(places)
+    tracks, dark = _lit_first(shot[index])
+    own = _gathered(shot, index, tracks, frames)
+    still = dark.to(own.axes.device)
+    shown = lobe_images.images(own, whole.places)
+    start = light.relight(shown, whole, still).lobes
+    found = newton.minimise(
+        start,
+        whole,
+        settings.steps,
+        priors=_priors(shot, index, tracks, frames, settings.gamma),
+        damping=DAMPING_START,
+        width_min=narrowest(frames[0].height),
+        still=still,
+    )
+    assert found.shown is not None  # of lobes that took steps
+    lit = temporal.blackened(light.last(found.shown, whole, still).lobes)
+    unit = torch.tensor([frame.exposure for frame in frames])[:, None, None].to(lit.axes)
+    fits = [with_flux_of(lit[k], frame, 0.0).lobes.amplitude for k, frame in enumerate(frames)]
+    lit = replace(lit, amplitude=torch.stack(fits) / unit)
+    after, before = replace(found.shown, lobes=lit).radiance, shown.radiance
+    kept = _risen(after, before, whole, settings.rise)
+    lit = chosen(kept, own, lit)
+    _scatter(shot, index, tracks, replace(lit, amplitude=lit.amplitude * unit))
+    after = torch.where(kept[:, None, None], before, after)
+    for place, loss in zip(places, objective.value(after, whole).tolist(), strict=True):
+        losses[place] = loss
 
 
-def _stretches(wanted: Tensor) -> Tensor:
-    """Close gaps of up to `GAP` frames between frames that are wanted.  [F]."""
-    found = wanted.clone()
-    for before, after in pairwise(torch.nonzero(wanted).flatten().tolist()):
-        if after - before <= GAP + 1:
-            found[before:after] = True
-    return found
+def _lit_first(lobes: Lobes) -> tuple[Tensor, Tensor]:
+    """Return the tracks that are lit in each frame, and dark ones that fill up the rows.
+
+    Args:
+        lobes: Some frames.  [F', N, .]
+
+    Returns:
+        Tracks, in ascending order of those lit, [F', K], and which of them are dark [F', K].
+    """
+    dark = temporal.is_dark(lobes)
+    order = dark.int().argsort(dim=-1, stable=True)
+    most = int((~dark).sum(-1).max())
+    order = order[:, : max(most, 1)]
+    return order, dark.gather(-1, order)
 
 
-def _better(one: _Swept, other: _Swept, places: list[int]) -> _Swept:
-    """Return of each part between cuts the one in which materials show less wrong."""
-    lobes, losses, materials = one.lobes.clone(), list(one.losses), list(one.materials)
-    for first, last in pairwise([0, *places, len(losses)]):
-        part = slice(first, last)
-        if sum(other.materials[part]) < sum(one.materials[part]):
-            _put(lobes, part, other.lobes[part])
-            losses[part], materials[part] = other.losses[part], other.materials[part]
-    return _Swept(lobes, losses, materials)
+def _priors(
+    shot: Lobes, index: Tensor, tracks: Tensor, frames: list[Exposed], gamma: float
+) -> list[temporal.Prior]:
+    """Return the temporal terms towards the frames before and after, of no weight beyond an end."""
+    priors = []
+    for other in ((index - 1).clamp(min=0), (index + 1).clamp(max=len(shot.axes) - 1)):
+        prior = temporal.prior(_gathered(shot, other, tracks, frames), gamma)
+        counts = (other != index)[:, None].to(prior.share)
+        priors.append(replace(prior, share=prior.share * counts))
+    return priors
+
+
+def _gathered(shot: Lobes, index: Tensor, tracks: Tensor, frames: list[Exposed]) -> Lobes:
+    """Return some tracks of some frames, in the units of given maps and on their device.
+
+    Args:
+        shot: Every frame.  [F, N, .]
+        index: Frames.  [F']
+        tracks: Of each.  [F', K]
+        frames: Maps whose units are wanted.
+    """
+    rows = index[:, None]
+    unit = torch.tensor([frame.exposure for frame in frames])[:, None, None]
+    found = shot[rows, tracks]
+    lobes = replace(found, amplitude=found.amplitude * (1 / unit))
+    return lobes.to(frames[0].radiance.device)
+
+
+def _scatter(shot: Lobes, index: Tensor, tracks: Tensor, lobes: Lobes) -> None:
+    """Write what `_gathered` returned back, in the units of the maps."""
+    rows = index[:, None]
+    shot.axes[rows, tracks] = lobes.axes.to(shot.axes)
+    shot.sharpness[rows, tracks] = lobes.sharpness.to(shot.axes)
+    shot.amplitude[rows, tracks] = lobes.amplitude.to(shot.axes)
+
+
+def _risen(after: Tensor, before: Tensor, frame: objective.Target, rise: float) -> Tensor:
+    """Tell in which frames J, or its part of what materials show, grew by more than a share.  [F].
+
+    Args:
+        after: Radiance of the lobes on the leaves.  [F, 3, P]
+        before: What it was.  [F, 3, P]
+        frame: The maps.
+        rise: The share.
+    """
+    judged = replace(frame, corners=light.CORNERS)
+    new, old = (objective.sizes(radiance, judged) for radiance in (after, before))
+    seen = (objective.of_materials(found.seen, judged) for found in (new, old))
+    materials_new, materials_old = seen
+    whole = new.value > (1 + rise) * old.value
+    return whole | (materials_new > (1 + rise) * materials_old)

@@ -14,7 +14,6 @@ from torch import Tensor
 
 from asglight.fitting import paper
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.temporal import waiting
 from asglight.judging import methods
 from asglight.judging.bench_plan import Plan
 from asglight.judging.clock import Point, timed
@@ -26,6 +25,7 @@ from asglight.judging.methods import METHODS, Task
 from asglight.judging.metrics import FrameErrors, maps_errors, sequence_errors
 from asglight.lobes import Lobes, texels
 from asglight.lobes.data import stack
+from asglight.lobes.fading import carried_on
 from asglight.peers.approximation import LobeSum
 from asglight.threads import one_thread
 
@@ -84,7 +84,7 @@ def _fits(
             lobes, seconds = fit_frames(frames, FitOptions(plan.lobes, preset))
             if again:
                 lobes, seconds = refined(references, lobes, seconds, preset)
-            shot = waiting(stack(lobes))
+            shot = carried_on(stack(lobes))
             return [shot[k] for k in range(len(lobes))], seconds
 
         return fit

@@ -7,13 +7,14 @@ Seconds are of the fits alone: frames are read before.
 import itertools
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
 from asglight.fitting import first_frame, whole_shot
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import LINKS, fit_frame
+from asglight.fitting.sequence import REFINEMENT, fit_frame
 from asglight.judging.clock import Clock, Point, timed
 from asglight.lobes import Lobes, matching
 from asglight.lobes.data import stack
@@ -33,6 +34,7 @@ def follow(
         options: Settings.
         fresh: Start every frame from nothing.
     """
+    options = replace(options, moving=not fresh)
     found: list[Lobes] = []
     seconds: list[Point] = []
     for reference in references:
@@ -57,16 +59,14 @@ def refined(
         references: Repaired radiance of each frame.  [H, W, 3]
         found: The lobes of each.  [N, .]
         seconds: Of each.
-        preset: One of `LINKS`.
+        preset: One of `REFINEMENT`.
     """
     clock, size = Clock(), whole_shot.CHUNK
     shot, frames = stack(list(found)), [first_frame.exposed(radiance) for radiance in references]
     chunks = [frames[at : at + size] for at in range(0, len(frames), size)]
     threads = torch.get_num_threads()
     with one_thread(), torch.inference_mode():
-        lobes, _ = whole_shot.refine_shot(
-            shot, lambda: chunks, links=LINKS[preset], threads=threads
-        )
+        lobes, _ = whole_shot.refine_shot(shot, lambda: chunks, REFINEMENT[preset], threads=threads)
     whole = clock.seconds()
     total = [{name: s + whole[name] / len(frames) for name, s in one.items()} for one in seconds]
     return [lobes[index].clone() for index in range(len(frames))], total

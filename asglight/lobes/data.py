@@ -113,6 +113,11 @@ class Lobes:
             amplitude=self.amplitude[..., lobes, :],
         )
 
+    def split(self, count: int) -> tuple[Self, Self]:
+        """Return the first so many lobes and the others."""
+        every = torch.arange(self.count, device=self.axes.device)
+        return self.select(every[:count]), self.select(every[count:])
+
     def replaced(self, lobes: Tensor, others: "Lobes") -> Self:
         """Return a copy with other lobes in the places that `select` picks.
 

@@ -10,8 +10,9 @@ With s in [0, 1] from one frame to the next, a lobe has
 and the amplitude is the flux over the integral of the unit lobe. Amplitude and sharpness are not
 interpolated by themselves: their product would be a flux between the frames that neither has.
 
-A lobe that is black in one of two frames has the other's shape between them, so a light comes and
-goes in its place. Before the first frame and after the last, lobes are those of that frame.
+A lobe that is black in one of two frames has the other's sharpness between them, and turns as any
+other: its black frame says where it comes from, or goes to, while it fades (fading.py). Before the
+first frame and after the last, lobes are those of that frame.
 
 Dimension letters: T times, F frames, N lobes.
 """
@@ -72,9 +73,9 @@ def between(first: Lobes, last: Lobes, part: Tensor) -> Lobes:
 
 
 def shapes(first: Lobes, last: Lobes) -> tuple[Lobes, Lobes]:
-    """Return lobes of two frames with the axes and sharpness between which they are interpolated.
+    """Return lobes of two frames with the sharpness between which they are interpolated.
 
-    They are their own, but for a lobe that is black in one frame only: it has the other's.
+    It is their own, but for a lobe that is black in one frame only: it has the other's.
 
     Args:
         first: Of the one frame.  [..., N, .]
@@ -109,32 +110,28 @@ def _turned(start: Lobes, end: Lobes, part: Tensor) -> Tensor:
 
 
 def _shaped(where: Tensor, lobes: Lobes, others: Lobes) -> Lobes:
-    """Return lobes, where marked with the axes and sharpness of others.  [..., N, 1] marks."""
-    return replace(
-        lobes,
-        axes=torch.where(where[..., None], others.axes, lobes.axes),
-        sharpness=torch.where(where, others.sharpness, lobes.sharpness),
-    )
+    """Return lobes, where marked with the sharpness of others.  [..., N, 1] marks."""
+    return replace(lobes, sharpness=torch.where(where, others.sharpness, lobes.sharpness))
 
 
 def _where(mark: Tensor, lobes: Lobes, others: Lobes) -> Lobes:
     """Return lobes where marked, and the others elsewhere.  [..., N, 1] marks."""
-    shaped = _shaped(~mark, lobes, others)
-    return replace(shaped, amplitude=torch.where(mark, lobes.amplitude, others.amplitude))
+    return replace(
+        lobes,
+        axes=torch.where(mark[..., None], lobes.axes, others.axes),
+        sharpness=torch.where(mark, lobes.sharpness, others.sharpness),
+        amplitude=torch.where(mark, lobes.amplitude, others.amplitude),
+    )
 
 
 def resting(lobes: Lobes) -> Lobes:
-    """Give black lobes the shape of a frame in which they are lit: `light_of` says which.
+    """Give black lobes the sharpness of a frame in which they are lit: `light_of` says which.
 
     Args:
         lobes: A shot.  [T, N, .]
     """
     source = light_of(is_black(lobes))
-    return replace(
-        lobes,
-        axes=_taken(lobes.axes, source),
-        sharpness=_taken(lobes.sharpness, source),
-    )
+    return replace(lobes, sharpness=_taken(lobes.sharpness, source))
 
 
 def light_of(black: Tensor) -> Tensor:

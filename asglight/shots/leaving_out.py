@@ -92,9 +92,11 @@ def account(
     simple = budget is not None
     return {
         "budget": budget,
-        "black": fitted - lit,
+        "black": max(fitted - lit, 0),
         "unneeded": lit - lobes.count,
         "one_sharpness": one_sharpness(lobes) if simple else 0,
         "static": static(lobes) if simple else 0,
         "repeated_frames": repeated,
+        "lights": lobes.count,
+        "lit_at_once": int((lobes.amplitude > 0).any(-1).sum(-1).max()),
     }

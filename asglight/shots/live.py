@@ -29,7 +29,7 @@ def live_fits(
     Raises:
         InputError: A frame cannot be read.
     """
-    options = FitOptions(lobes, Preset.LIVE)
+    options = FitOptions(lobes, Preset.LIVE, moving=len(frames) > 1)
     before: list[Lobes] = []
     last: Tensor | None = None
     with contextlib.closing(ahead(read, list(frames))) as images:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The second reading of a shot: every frame once more, between both its neighbours; `best` has two.
+"""The second reading of a shot: every frame once more, between both its neighbours.
 
 What the checkpoint keeps is the result of the first reading, so an interrupted run comes to the
 same bytes.
@@ -14,7 +14,7 @@ import torch
 from asglight.errors import InputError
 from asglight.fitting.first_frame import Exposed, exposed
 from asglight.fitting.options import FitOptions
-from asglight.fitting.sequence import LINKS
+from asglight.fitting.sequence import REFINEMENT
 from asglight.fitting.whole_shot import CHUNK, refine_shot
 from asglight.images import Sequence
 from asglight.images.message import shown
@@ -54,7 +54,7 @@ def refined(
         lobes, losses = refine_shot(
             stack([record.lobes for record in own]),
             lambda: _chunks(own, sequence, kept, options),
-            links=LINKS[options.preset],
+            REFINEMENT[options.preset],
             threads=threads,
             on_chunk=lambda done, count: on_progress(Refined(done, count)),
         )
@@ -66,7 +66,7 @@ def refined(
 
 def is_refined(options: FitOptions) -> bool:
     """Tell whether the preset reads a shot again."""
-    return options.preset in LINKS
+    return options.preset in REFINEMENT
 
 
 def _chunks(

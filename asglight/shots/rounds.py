@@ -97,7 +97,7 @@ def fitted_shot(
         return FittedShot(records, options, resumed)
     accuracy = Accuracy(options.tolerance)
     if kept.records:
-        count = kept.records[-1].lobes.count
+        count = options.lobes_of(kept.records[-1].lobes.count)
     else:
         count = fewest_lobes(sequence, images, options, accuracy, on_progress)
     while True:

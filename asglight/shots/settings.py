@@ -117,8 +117,10 @@ def settings_of(sequence: Sequence, options: FitOptions, fps: float) -> dict[str
 
 
 def options_as_json(options: FitOptions) -> dict[str, Any]:
-    """Return the options as JSON values."""
-    return {name: _plain(value) for name, value in dataclasses.asdict(options).items()}
+    """Return the options as JSON values, but for what the number of frames says."""
+    values = dataclasses.asdict(options)
+    del values["moving"]
+    return {name: _plain(value) for name, value in values.items()}
 
 
 def _plain(value: Any) -> Any:

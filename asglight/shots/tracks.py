@@ -13,12 +13,11 @@ import torch
 
 from asglight import __version__
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.temporal import waiting
 from asglight.images import Sequence
 from asglight.images.account import read_as
 from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
-from asglight.lobes.frames import continuous
+from asglight.lobes.fading import carried_on
 from asglight.lobes.naming import by_energy
 from asglight.shots.leaving_out import account, simplified
 from asglight.shots.records import FrameRecord, own_frames, places_of
@@ -44,8 +43,8 @@ def tracks_from(
     """
     own = own_frames(records)
     numbers = [record.frame for record in own]
-    lobes = continuous(waiting(stack([record.lobes for record in own])))  # [F', N, .]
-    fitted, lit = lobes.count, lit_lobes(lobes)
+    lobes = carried_on(stack([record.lobes for record in own]))  # [F', N, .]
+    fitted, lit = options.lobes_of(lobes.count), lit_lobes(lobes)
     lobes, budget = lobes.select(lit), None
     if options.preset is not Preset.PAPER:  # which stays as published
         lobes, budget = simplified(lobes, numbers, accuracy)

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from asglight.fitting.first_frame import Exposed, exposed
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import LINKS, fit_frame
+from asglight.fitting.sequence import REFINEMENT, fit_frame
 from asglight.fitting.whole_shot import CHUNK, refine_shot
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
@@ -27,7 +27,10 @@ def measure(given: Given) -> Iterator[Row]:
     """Fit frames that are in memory, as `asglight fit` does with those it reads."""
     frames = shot(given, SHORT_FRAMES if given.short else FRAMES)
     options = FitOptions(
-        SHORT_LOBES if given.short else LOBES, Preset(given.choice), device=given.device
+        SHORT_LOBES if given.short else LOBES,
+        Preset(given.choice),
+        device=given.device,
+        moving=True,
     )
     (lobes, _), first = seconds_of(lambda: _fit(frames[0], options, []), given.device)
     yield Row("first frame", {"s": first})
@@ -44,7 +47,7 @@ def measure(given: Given) -> Iterator[Row]:
     each = following / len(losses)
     yield Row(f"{len(losses)} next frames", {"s": following, "s each": each, "J": _mean(losses)})
     refining = 0.0
-    if options.preset in LINKS:
+    if options.preset in REFINEMENT:
         (_, losses), refining = seconds_of(lambda: _refined(fits, frames, options), given.device)
         yield Row("pass over the shot", {"s": refining, "J": _mean(losses)})
     goal = {"s": GOAL} if given.is_gpu and not given.short else {}
@@ -67,7 +70,7 @@ def _refined(
             yield [exposed(each.to(options.device)) for each in frames[first : first + CHUNK]]
 
     with one_thread():
-        return refine_shot(stack(fits), read, links=LINKS[options.preset])
+        return refine_shot(stack(fits), read, REFINEMENT[options.preset])
 
 
 def _mean(values: list[float]) -> float:

@@ -19,7 +19,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from asglight.fitting import lobe_images, newton, temporal
 from asglight.fitting.captured import kind_of, mapped
 from asglight.fitting.coordinates import Between, Leash
-from asglight.lobes import Form
+from asglight.lobes import Form, asg
 
 DEVICE = torch.device("meta")
 
@@ -65,7 +65,7 @@ def _start(form: Form, frames: int, held: bool) -> tuple[newton._Progress, newto
         priors = (temporal.prior(lobes, 0.05),) * 2
         own = Leash(lobes.axis_z, torch.full(lobes.axis_z.shape[:-1], math.cos(0.1)))
         leash = Between(own, own, lobes.axis_z)
-        still = temporal.is_faint(lobes)
+        still = asg.flux(lobes).sum(-1) < asg.flux(lobes).sum(-1).mean(-1, keepdim=True)
     state = newton._judged(lobe_images.images(lobes, frame.places), frame, priors)
     damping = torch.full((frames,), 0.01, dtype=torch.float64)
     return (state, damping), newton.Setting(frame, priors, 0.003, leash, still)

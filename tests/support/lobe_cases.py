@@ -2,6 +2,7 @@
 """Lobes and maps that the fitting tests share."""
 
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -73,6 +74,7 @@ def follow(
     references: list[Tensor], options: FitOptions, on_step: StepCallback | None = None
 ) -> list[FrameFit]:
     """Fit frames in order, each from the one before."""
+    options = replace(options, moving=True)
     fits: list[FrameFit] = []
     for reference in references:
         previous = fits[-1].lobes if fits else None

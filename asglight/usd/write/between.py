@@ -183,13 +183,13 @@ class Shot:
             yield spans, lobes, moments
 
     def _beside_black(self) -> Tensor:
-        """Mark spans whose black end has another shape than the light: -1 the first, 1 the last.
+        """Mark spans whose black end has another sharpness than the light.
 
-        [F - 1, N].
+        Returns:
+            -1 for the first end, 1 for the last.  [F - 1, N]
         """
-        axes = (self._lobes.axes[1:] - self._lobes.axes[:-1]).abs().amax((-2, -1)) > SAME
         sharpness = (self._lobes.sharpness[1:] / self._lobes.sharpness[:-1]).log().abs() > SAME
-        differ = axes | sharpness.any(-1)
+        differ = sharpness.any(-1)
         first, last = self._black[:-1], self._black[1:]
         return torch.where(differ, (last & ~first).long() - (first & ~last).long(), 0)
 

@@ -9,7 +9,7 @@ import torch
 from lobe_cases import DOUBLE, lamps, random_lobes, target
 from torch import Tensor
 
-from asglight.fitting import lobe_images, objective, tracking
+from asglight.fitting import lobe_images, objective, pull_in
 from asglight.fitting.coordinates import advance
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.lobes.data import stack
@@ -30,15 +30,15 @@ def _map(scene: Lobes, height: int = 64) -> Tensor:
 
 
 def _claims(lobes: Lobes, frame: objective.Target) -> Tensor:
-    return tracking.claims(lobe_images.images(lobes, frame.places))
+    return pull_in.responsibilities(lobe_images.images(lobes, frame.places))
 
 
 def _drawn(lobes: Lobes, frame: objective.Target, width_min: float) -> Lobes:
-    return tracking.drawn(lobes, _claims(lobes, frame), frame, width_min)
+    return pull_in.pulled_in(lobes, _claims(lobes, frame), frame, width_min)
 
 
 def _found_again(lobes: Lobes, frame: objective.Target) -> Lobes | None:
-    return tracking.found_again(lobes, _claims(lobes, frame), frame)
+    return pull_in.re_detected(lobes, _claims(lobes, frame), frame)
 
 
 def _angle(first: Tensor, second: tuple[float, float, float]) -> float:

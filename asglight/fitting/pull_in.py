@@ -30,18 +30,18 @@ REACH = math.radians(3.3)
 """Sigma with which it looks for it: three of these are as far as a lit lobe may go in a frame."""
 
 
-def claims(shown: Images) -> Tensor:
+def responsibilities(shown: Images) -> Tensor:
     """Return the share of each leaf's radiance that each lobe claims.  [F, N, P]."""
     own = shown.light.sum(-1, keepdim=True) * shown.values
     return own / own.sum(1, keepdim=True).clamp(min=torch.finfo(own.dtype).tiny)
 
 
-def drawn(lobes: Lobes, taken: Tensor, frame: objective.Target, width_min: float) -> Lobes:
+def pulled_in(lobes: Lobes, taken: Tensor, frame: objective.Target, width_min: float) -> Lobes:
     """Take one step of expectation-maximisation.
 
     Args:
         lobes: Lobes in the exposure of the frame.  [F, N, .]
-        taken: Their `claims`.  [F, N, P]
+        taken: Their `responsibilities`.  [F, N, P]
         frame: The maps.
         width_min: Sigma of the narrowest lobe allowed, radians.
     """
@@ -62,7 +62,7 @@ def drawn(lobes: Lobes, taken: Tensor, frame: objective.Target, width_min: float
     return replace(moved_lobes, amplitude=amplitude)
 
 
-def found_again(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lobes | None:
+def re_detected(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lobes | None:
     """Turn narrow lobes that lost their lamp to what they see with the width of `REACH`.
 
     A sun that moves by many of its widths is out of its lobe's sight, and the faint sky there would
@@ -70,7 +70,7 @@ def found_again(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lobes |
 
     Args:
         lobes: Lobes in the exposure of the frame.  [F, N, .]
-        taken: Their `claims`.  [F, N, P]
+        taken: Their `responsibilities`.  [F, N, P]
         frame: The maps.
 
     Returns:
@@ -86,7 +86,7 @@ def found_again(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lobes |
     seeking = replace(lobes, sharpness=torch.where(lost[..., None], wide, lobes.sharpness))
     amplitude = own / asg.integral(seeking)[..., None]
     seeking = replace(seeking, amplitude=torch.where(lost[..., None], amplitude, lobes.amplitude))
-    sought = claims(lobe_images.images(seeking, frame.places))
+    sought = responsibilities(lobe_images.images(seeking, frame.places))
     axes = _turned(lobes, *_moments(sought, frame))
     return replace(lobes, axes=torch.where(lost[..., None, None], axes, lobes.axes))
 
