@@ -79,7 +79,7 @@ def stage_of(path: Path) -> Path | None:
 
     if path.suffix.lower() in STAGE_SUFFIXES and not os.path.isdir(path):
         return path
-    if not path.is_dir():
+    if not os.path.isdir(path):
         return None
     # Hidden names are the leftovers of interrupted writers; an unreadable folder is told of later.
     names: list[str] = []

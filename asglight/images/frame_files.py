@@ -115,7 +115,7 @@ def frame_set(text: str, subject: str) -> tuple[int, ...]:
     """
     try:
         frames = list(FrameSet(text))
-    except ValueError as error:
+    except (ValueError, ArithmeticError) as error:  # the latter of numbers with too many digits
         # fileseq's parser answers in several lines, of which the first names the text only.
         reason = " (too many)" if isinstance(error, MaxSizeException) else ""
         raise _not_frames(text, subject, reason) from error

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,10 @@ def test_fit_prints_progress_on_one_stream_and_the_result_on_the_other(
     assert err.startswith("frame 1001 (1/4)  loss ")
     assert err.endswith("refined 4/4\n")
     first, kept, second, *_ = out.splitlines()
-    assert first.startswith(f"{stage}: 2 lobes of form asg, 4 frames (1001-1004) at 23.976 fps, ")
+    # with far too few lobes for a sky, lights come and go: up to twice as many
+    assert re.match(
+        rf"{stage}: [234] lobes of form asg, 4 frames \(1001-1004\) at 23.976 fps, ", first
+    )
     assert kept == (
         f"written as: cards; images of a dome on demand: asglight export {stage} --to dome"
     )
@@ -63,7 +67,9 @@ def test_fit_as_json_is_one_document(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert result["output"] == stage
     assert result["bytes"] >= Path(stage).stat().st_size
     assert [row["frame"] for row in result["frames"]] == [1001, 1002, 1003, 1004]
-    assert (result["lobes"], result["fitted_lobes"], result["resumed"]) == (2, 2, 0)
+    assert (result["fitted_lobes"], result["resumed"]) == (2, 0)
+    assert 2 <= result["lobes"] <= 4
+    assert result["left_out"]["lit_at_once"] <= 2
     assert (result["left_out"]["black"], result["left_out"]["unneeded"]) == (0, 0)
     assert "tolerance_met" not in result
     assert result["seconds"] == pytest.approx(sum(row["seconds"] for row in result["frames"]))
@@ -188,14 +194,16 @@ def test_info_as_json_names_shot_and_lobes(shot: Path, capsys: pytest.CaptureFix
     assert (result["fps"], result["form"]) == (24.0, "asg")
     assert result["bytes"] == shot.stat().st_size
     assert result["metadata"]["source"] == "sky.####.exr"
-    assert [row["lobe"] for row in result["lobes"]] == ["lobe_00", "lobe_01", "lobe_02"]
+    names = [row["lobe"] for row in result["lobes"]]
+    assert names == [f"lobe_{index:02d}" for index in range(len(names))]
+    assert 3 <= len(names) <= 6
     assert sum(row["flux_share"] for row in result["lobes"]) == pytest.approx(1)
 
 
 def test_info_prints_what_a_user_asks_first(shot: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(shot)]) == 0
     out = capsys.readouterr().out
-    assert f"{shot}: 3 lobes of form asg, 4 frames (1001-1004) at 24 fps, " in out
+    assert re.search(rf"{shot}: [3-6] lobes of form asg, 4 frames \(1001-1004\) at 24 fps, ", out)
     assert "representation: cards" in out
     assert "fitted: preset fast, from sky.####.exr, asglight " in out
     assert "lobe_02" in out

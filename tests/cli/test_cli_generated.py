@@ -28,7 +28,7 @@ from asglight.usd.check import trust
 from asglight.viewer import app
 
 LINES = 1200
-PROGRESS = re.compile(r"[\w -]+ \(\d+\)|.* Lights are named anew|.*: shown without lobes: .*")
+PROGRESS = re.compile(r"[\w @#-]+ \(\d+\)|.* Lights are named anew|.*: shown without lobes: .*")
 """What a command says that it does, before it does."""
 
 ODD_NUMBERS = ["0", "-1", "1", "2", "3", "15", "1e9", "-0", "nan", "inf", "-inf", "1.5", "1/0"]

@@ -87,7 +87,8 @@ def _frozen(value: Any) -> Any:
 def _tell_rows(header: Header, height: int, channel: Channel) -> None:
     count = slot_rows(height)
     memory = channel.memory(SLOTS * count * row_bytes(height))
-    slots = np.frombuffer(memory, np.float32).reshape(-1, count, 2 * height, 3)
+    values = SLOTS * count * 2 * height * 3  # the memory may be larger, from another height
+    slots = np.frombuffer(memory, np.float32, values).reshape(SLOTS, count, 2 * height, 3)
     strips = reduced_strips(header, height, is_quiet=True)
     number = filled = 0
     while True:
