@@ -2,8 +2,6 @@
 """How many threads of the processor a part of the work computes on."""
 
 import contextlib
-import importlib
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
@@ -33,20 +31,6 @@ def threads_there() -> int:
 
 
 _SPARED: ContextVar[int] = ContextVar("spared", default=1)
-
-
-def load_ahead(*modules: str) -> None:
-    """Import modules in a thread, beside what the caller computes before it needs them.
-
-    What goes wrong goes wrong again, and is told, where they are imported to be used.
-    """
-
-    def load() -> None:
-        for module in modules:
-            with contextlib.suppress(ImportError):
-                importlib.import_module(module)
-
-    threading.Thread(target=load, name="asglight-load").start()
 
 
 def side_by_side(calls: Iterable[Callable[[], Found]], threads: int) -> Iterator[Found]:

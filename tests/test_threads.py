@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One thread for a while, and what was allowed before from then on; calls side by side."""
 
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from functools import partial
@@ -37,17 +35,6 @@ def test_threads_that_are_spared_are_there_for_work_side_by_side() -> None:
     torch.set_num_threads(2)
     assert threads_there() == 2
     torch.set_num_threads(4)
-
-
-def test_modules_are_loaded_in_a_thread_and_what_is_none_is_left_to_its_user() -> None:
-    code = (
-        "import sys, threading; from asglight.threads import load_ahead\n"
-        "load_ahead('no_such_module', 'wave')\n"
-        "[one.join() for one in threading.enumerate() if one.name == 'asglight-load']\n"
-        "print('wave' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert (done.stdout, done.stderr) == ("True\n", "")
 
 
 def test_calls_side_by_side_are_answered_in_their_order() -> None:

@@ -8,7 +8,6 @@ two frames is free: in the first of them it ends its old path, in the second it 
 """
 
 import torch
-from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from asglight.fitting import temporal
@@ -65,6 +64,8 @@ def afresh(fresh: Lobes, before: Lobes, free: Tensor) -> list[int]:
         before: The tracks one frame before.  [2 N, .]
         free: Which are free.  [2 N]
     """
+    from scipy.optimize import linear_sum_assignment  # half a second, for cuts alone
+
     dark = temporal.is_dark(before)
     turned = torch.acos((fresh.axis_z @ before.axis_z.mT).clamp(-1, 1))
     near = (turned < sigma(fresh)[:, None]) & ~dark

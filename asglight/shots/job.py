@@ -7,7 +7,6 @@ fit in memory.
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,7 +36,7 @@ from asglight.shots.settings import (
     settings_of,
 )
 from asglight.shots.tracks import tracks_from
-from asglight.threads import load_ahead, one_thread
+from asglight.threads import one_thread
 from asglight.usd.options import StageOptions, check_stage_options
 
 if TYPE_CHECKING:
@@ -135,7 +134,6 @@ def fit_shot(
     ):
         _check_unchanged(sequence, checkpoint)
         _tell_state(checkpoint, on_progress)
-        load_ahead("scipy.optimize", "asglight.usd.write.stage_file")
         shot = fitted_shot(sequence, options, checkpoint, images, on_progress, followed)
         with one_thread():  # numbers so small that threads of torch would wait for each other
             tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
@@ -231,7 +229,7 @@ def _named_stage(
     """Return what gives the stage whose names are kept, and None or why it cannot be read.
 
     The one that was asked for is read at once. One that is merely in the way may be anything, and
-    is read beside the fit.
+    is read when its names are needed.
 
     Raises:
         InputError: The stage that was asked for cannot be read.
@@ -243,10 +241,8 @@ def _named_stage(
         return lambda: asked
     if not output.exists():
         return lambda: None
-    reading = ThreadPoolExecutor(1, "asglight-names")
-    found = reading.submit(_read, output)
-    reading.shutdown(wait=False)
-    return found.result
+    # not in a thread beside the fit: pxr that loads while another library does can lock up
+    return lambda: _read(output)
 
 
 def _read(stage: Path) -> LobeTracks | InputError:
