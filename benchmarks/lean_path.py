@@ -42,7 +42,7 @@ PARTS: dict[str, tuple[str, ...]] = {
         "asglight.shots.checkpoint.Checkpoint.append",
         "asglight.shots.checkpoint.Checkpoint.remove",
     ),
-    "condition report": ("asglight.cli.fit.condition_of",),
+    "condition report": ("asglight.shots.job.with_condition",),
     "USD, with its lint": ("asglight.shots.job.write_stage",),
 }
 """Where each part is looked up by who calls it. A part within another counts in both."""

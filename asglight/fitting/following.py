@@ -94,6 +94,7 @@ def fit_next_frame(
     earlier: Lobes | None = None,
     settings: FrameSettings = FAST,
     threads: int = 1,
+    count: int | None = None,
 ) -> FrameFit:
     """Fit a frame that follows another.
 
@@ -103,9 +104,10 @@ def fit_next_frame(
         earlier: The tracks of the frame before that, from which the motion is predicted.  [2 N, .]
         settings: How much is spent.
         threads: Of a fit from nothing, as in `fit_first_frame`.
+        count: Lobes lit at most; None for N.
     """
     frame = exposed(reference)
-    count = previous.count // TRACKS_PER_LOBE
+    count = previous.count // TRACKS_PER_LOBE if count is None else count
     if frame.exposure <= 0:
         return FrameFit(_scaled(previous, 0.0), 0.0, 0.0)
     free = slots.free_tracks(previous, earlier)

@@ -69,7 +69,7 @@ def fit_frame(
                 fit = replace(fit, lobes=slots.with_spare_tracks(fit.lobes))
         else:
             settings = _SETTINGS[options.preset]
-            fit = fit_next_frame(reference, previous, earlier, settings, threads)
+            fit = fit_next_frame(reference, previous, earlier, settings, threads, options.count)
     return replace(fit, lobes=fit.lobes.clone())  # a tensor of inference mode cannot be changed
 
 

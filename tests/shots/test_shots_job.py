@@ -13,7 +13,7 @@ from asglight import read_usd
 from asglight.errors import InputError
 from asglight.fitting.first_frame import exposed
 from asglight.fitting.options import FitOptions
-from asglight.fitting.whole_shot import refine_shot
+from asglight.fitting.whole_shot import Refinement, refine_shot
 from asglight.lobes import asg
 from asglight.lobes.data import stack
 from asglight.shots import fit_sequence, fit_shot, frames, job
@@ -73,7 +73,7 @@ def test_a_fast_shot_is_refined_between_its_neighbours(source: Path, output: Pat
     assert [event for event in events if isinstance(event, Refined)] == [Refined(4, 4)]
     images = [torch.from_numpy(sky_files.sky(frame)) for frame in range(1001, 1005)]
     shot = stack([fit.lobes for fit in follow(list(images), shot_files.OPTIONS)])
-    lobes, losses = refine_shot(shot, lambda: [[exposed(image) for image in images]])
+    lobes, losses = refine_shot(shot, lambda: [[exposed(image) for image in images]], Refinement())
     directions = fibonacci_directions(50)
     for index in range(4):
         expected = asg.evaluate(lobes[index], directions)

@@ -69,4 +69,6 @@ def test_the_account_names_every_reason() -> None:
         "one_sharpness": 1,
         "static": 1,
         "repeated_frames": [7],
+        "lights": 1,
+        "lit_at_once": 1,
     }

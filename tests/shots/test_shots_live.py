@@ -13,7 +13,7 @@ from asglight.shots.live import live_fits
 
 FRAMES = (1001, 1002, 1003, 1004, 1005)
 
-OPTIONS = FitOptions(4, Preset.LIVE)
+OPTIONS = FitOptions(4, Preset.LIVE, moving=True)
 
 
 def sky(frame: int) -> Tensor:

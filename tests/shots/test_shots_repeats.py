@@ -144,4 +144,6 @@ def test_the_paper_preset_fits_every_frame_and_leaves_out_nothing(
         "one_sharpness": 0,
         "static": 0,
         "repeated_frames": [],
+        "lights": 2,
+        "lit_at_once": 2,
     }
