@@ -26,6 +26,8 @@ NOTHING = {
     "one_sharpness": 0,
     "static": 0,
     "repeated_frames": [],
+    "lights": 3,
+    "lit_at_once": 3,
 }
 
 WORST = {

@@ -66,7 +66,7 @@ def check_same_as_direct(news: list[LobeTracks], job: LiveJob) -> None:
     assert job.source is not None
     wanted = f"{job.frames[0]}-{job.frames[-1]}"
     sequence = open_sequence(job.source, frames=wanted, height=FIT_HEIGHT)
-    options = FitOptions(job.lobes, Preset.LIVE)
+    options = FitOptions(job.lobes, Preset.LIVE, moving=True)
     last = news[-1]
     assert last.frames == job.frames
     for k, record in enumerate(fit_frames(sequence, options, [], ignore)):

@@ -120,7 +120,7 @@ def test_nothing_given_is_the_built_in_environment_and_its_fit(start: Open) -> N
     image = session.state.references.get(1001)
     assert image is not None
     assert image.shape == (96, 192, 3)
-    assert session.state.lobes.count == 3
+    assert session.state.lobes.count == 6  # two tracks for each lobe
 
 
 @pytest.mark.parametrize(
