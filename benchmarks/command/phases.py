@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the time of a whole `asglight fit` goes: start, first frame, last frame, stage.
 
-    python benchmarks/command.py ../shared/sequences/tunnel --preset live
-    python benchmarks/command.py ../shared/sequences/tunnel --preset live --frames 1000
-    python benchmarks/command.py ../shared/hdri/lobby.exr --preset fast
+    python -m benchmarks.command.phases ../shared/sequences/tunnel --preset live
+    python -m benchmarks.command.phases ../shared/sequences/tunnel --preset live --frames 1000
+    python -m benchmarks.command.phases ../shared/hdri/lobby.exr --preset fast
 
 Seconds of wall time and, in brackets, of processor time, since the process was started; beside them
 those of `import torch`, measured in the same run. The processor time of the process that decodes is
