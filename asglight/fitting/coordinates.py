@@ -10,13 +10,11 @@ axis, shears: D^1/2 exp([[0, e], [e, 0]]) D^1/2 with D = diag(sx + 1/2, sy + 1/2
 light    the RGB amplitude, linear and never below 0
 """
 
-from dataclasses import dataclass, replace
-
 import torch
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes, asg
-from asglight.lobes.frames import orthonormal, parallel_transport
+from asglight.lobes.frames import orthonormal
 
 UNKNOWNS = 8
 """Five of the shape and three of the amplitude."""
@@ -44,59 +42,6 @@ def is_round(lobes: Lobes) -> Tensor:
     return shifted.amax(-1) < ROUND_RATIO * shifted.amin(-1)
 
 
-PULLS, BEYOND = 4, 1e-4
-"""Pulls to each of two leashes in turn, and by how much less than a cosine a direction may be after
-them: 0.03 degrees for leashes of 10. A lobe that is further stays where it is."""
-
-
-@dataclass(frozen=True)
-class Leash:
-    """How far from where it was a lobe may be.
-
-    Attributes:
-        axis_z: Where it was.  [..., N, 3]
-        cosine: Of the largest angle; -1 for a lobe that is free.  [..., N]
-    """
-
-    axis_z: Tensor
-    cosine: Tensor
-
-    def hold(self, axis_z: Tensor) -> Tensor:
-        """Return unit directions pulled back to within the angle.  [..., N, 3]."""
-        along = (axis_z * self.axis_z).sum(-1, keepdim=True)
-        across = torch.nn.functional.normalize(axis_z - along * self.axis_z, dim=-1)
-        cosine = self.cosine[..., None]
-        edge = cosine * self.axis_z + (1 - cosine.square()).clamp(min=0).sqrt() * across
-        return torch.where(along < cosine, edge, axis_z)
-
-
-@dataclass(frozen=True)
-class Between:
-    """How far from two places a lobe may be: those it has in the frames before and after.
-
-    Attributes:
-        before: Its leash to the one.
-        after: Its leash to the other.
-        own: Where it is: within both.  [..., N, 3]
-    """
-
-    before: Leash
-    after: Leash
-    own: Tensor
-
-    def hold(self, axis_z: Tensor) -> Tensor:
-        """Return unit directions pulled back to within both angles.  [..., N, 3]."""
-        for _ in range(PULLS):
-            axis_z = self.after.hold(self.before.hold(axis_z))
-        beyond = (axis_z * self.before.axis_z).sum(-1) < self.before.cosine - BEYOND
-        return torch.where(beyond[..., None], self.own, axis_z)
-
-
-def pulled_back(lobes: Lobes, leash: Leash | Between) -> Lobes:
-    """Turn lobes the shortest way back to within their leash.  [..., N, .]."""
-    return replace(lobes, axes=parallel_transport(lobes.axes, leash.hold(lobes.axis_z)))
-
-
 def sharpness_max(form: Form, width_min: float) -> float:
     """Return the largest sharpness of lobes no narrower than a sigma, radians."""
     if width_min <= 0:
@@ -104,16 +49,13 @@ def sharpness_max(form: Form, width_min: float) -> float:
     return min(asg.SHARPNESS_MAX, 1 / (asg.per_variance(form) * width_min**2))
 
 
-def advance(
-    lobes: Lobes, step: Tensor, width_min: float = 0.0, leash: Leash | Between | None = None
-) -> Lobes:
+def advance(lobes: Lobes, step: Tensor, width_min: float = 0.0) -> Lobes:
     """Move lobes by a step in local coordinates, within its trust bounds.
 
     Args:
         lobes: The lobes.  [..., N, .]
         step: Tilts, widths, turn, light.  [..., N, 8]
         width_min: Sigma of the narrowest lobe allowed, radians.
-        leash: Bounds on the directions.
     """
     limit = sharpness_max(lobes.form, width_min)
     step = step.to(lobes.axes.dtype)
@@ -123,8 +65,6 @@ def advance(
     tilt = torch.maximum(torch.minimum(tilt, bound), -bound)
     shape = shape * (SHAPE_MAX / shape.abs().amax(-1, keepdim=True).clamp(min=SHAPE_MAX))
     axis_z = lobes.axis_z + tilt[..., :1] * lobes.axis_x + tilt[..., 1:] * lobes.axis_y
-    if leash is not None:
-        axis_z = leash.hold(torch.nn.functional.normalize(axis_z, dim=-1))
     sharpness, axis_x = _reshape(lobes, shape)
     axes = orthonormal(torch.stack([axis_x, lobes.axis_y, axis_z], dim=-2))
     sharpness = sharpness.clamp(min=asg.SHARPNESS_MIN, max=limit)

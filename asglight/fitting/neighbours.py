@@ -13,7 +13,7 @@ import math
 import torch
 from torch import Tensor
 
-from asglight.fitting.coordinates import UNKNOWNS, Between, Leash
+from asglight.fitting.coordinates import UNKNOWNS
 from asglight.fitting.lobe_images import Images
 from asglight.fitting.temporal import Prior
 from asglight.lobes import Lobes
@@ -34,6 +34,7 @@ def parts(axis_z: Tensor, most: int, turn: int) -> list[Tensor]:
     """
 
     def cut(index: Tensor, axis: int) -> list[Tensor]:
+        """Halve lobes along an axis until the parts are small enough."""
         count = index.shape[1]
         pieces = math.ceil(count / most)
         if pieces == 1:
@@ -94,20 +95,6 @@ def pick(values: Tensor, index: Tensor, *shape: int) -> Tensor:
         shape: Of what belongs to a lobe.
     """
     return values.expand(len(index), -1, *shape)[_rows(index), index]
-
-
-def held(leash: Leash | Between | None, index: Tensor) -> Leash | Between | None:
-    """Return the leash of some lobes of each frame.  [F, K]."""
-    if leash is None:
-        return None
-    if isinstance(leash, Leash):
-        return _leash(leash, index)
-    before, after = _leash(leash.before, index), _leash(leash.after, index)
-    return Between(before, after, pick(leash.own, index, 3))
-
-
-def _leash(leash: Leash, index: Tensor) -> Leash:
-    return Leash(pick(leash.axis_z, index, 3), pick(leash.cosine, index))
 
 
 def prior(given: Prior, index: Tensor) -> Prior:

@@ -25,7 +25,7 @@ from torch import Tensor
 from asglight.fitting import compiled, lobe_images, neighbours, objective, temporal
 from asglight.fitting.captured import Replays
 from asglight.fitting.compiled import layout
-from asglight.fitting.coordinates import UNKNOWNS, Between, Leash, advance
+from asglight.fitting.coordinates import UNKNOWNS, advance
 from asglight.fitting.footprints import Footprint, footprint
 from asglight.fitting.grid import Grid, cell_sums, coarser, grid
 from asglight.fitting.leaves import Leaves
@@ -100,7 +100,6 @@ class Setting:
     frame: objective.Target
     priors: tuple[temporal.Prior, ...]
     width_min: float
-    leash: Leash | Between | None
     still: Tensor | None = None
     tolerance: float = TOLERANCE
 
@@ -124,7 +123,6 @@ def minimise(
     priors: Sequence[temporal.Prior] = (),
     damping: Tensor | float = DAMPING_START,
     width_min: float = 0.0,
-    leash: Leash | Between | None = None,
     still: Tensor | None = None,
     tolerance: float = TOLERANCE,
     on_step: OnStep | None = None,
@@ -142,7 +140,6 @@ def minimise(
         priors: The temporal terms, added to J: one for each neighbouring frame.
         damping: First damping.  [F]
         width_min: Sigma of the narrowest lobe allowed, radians.
-        leash: Bounds on the directions.
         still: Which lobes stay as they are.  [F, N]
         tolerance: Stop when the step of each frame lowers J by less than this share of it.
         on_step: Called with the lobes after each step.
@@ -150,7 +147,7 @@ def minimise(
         moving: The lobes of each frame that take steps; the light of all others is held. All if
             None.  [F, K]
     """
-    given = Setting(frame, tuple(priors), width_min, leash, still, tolerance)
+    given = Setting(frame, tuple(priors), width_min, still, tolerance)
     shown = shown or lobe_images.images(lobes, frame.places)
     damping = torch.as_tensor(damping, dtype=torch.float64, device=lobes.axes.device)
     damping = damping.expand(len(lobes.axes))
@@ -234,7 +231,6 @@ def _some(
         priors=[neighbours.prior(each, index) for each in given.priors],
         damping=damping,
         width_min=given.width_min,
-        leash=neighbours.held(given.leash, index),
         still=None if given.still is None else neighbours.pick(given.still, index),
         tolerance=given.tolerance,
         shown=own,
@@ -302,7 +298,7 @@ def _tried(
 ) -> _State:
     lobes = state.shown.lobes
     step = _solve(*equations, lobes, damping, given.still)
-    ahead = advance(lobes, step, given.width_min, given.leash)
+    ahead = advance(lobes, step, given.width_min)
     frame = given.frame
     return _judged(lobe_images.images(ahead, frame.places), frame, given.priors)
 

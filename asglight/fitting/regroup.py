@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import lobe_images, neighbours, newton, objective
-from asglight.fitting.coordinates import BROAD, UNKNOWNS, Leash, advance, pulled_back
+from asglight.fitting.coordinates import BROAD, UNKNOWNS, advance
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import orthonormal
@@ -83,9 +83,6 @@ def regroup(
     rounds: int,
     width_min: float,
     on_step: newton.OnStep | None = None,
-    *,
-    leash: Leash | None = None,
-    stays: Tensor | None = None,
 ) -> newton.Outcome:
     """Try splits, the worst lobes first, until all fail or the rounds are over.
 
@@ -97,29 +94,26 @@ def regroup(
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes after each step before the first round, and after each round
             that is kept.
-        leash: How far each lobe may go.
-        stays: Which lobes do not go elsewhere.  [N]
     """
     if start.lobes.count < 2:
         return start
-    held = partial(newton.minimise, width_min=width_min, leash=leash)
-    best = held(start.lobes, frame, SETTLING_STEPS, on_step=on_step)
-    splits, filled = _to_try(best, frame, stays)
+    stepped = partial(newton.minimise, width_min=width_min)
+    best = stepped(start.lobes, frame, SETTLING_STEPS, on_step=on_step)
+    splits, filled = _to_try(best, frame)
     for _ in range(rounds):
         competing = list(islice(splits, TRIALS))
         if not competing:
             break
         halves = [carried_out(each, best.lobes[0], filled, width_min) for each in competing]
-        begun = stack(halves) if leash is None else pulled_back(stack(halves), leash)
         moving = _moving(best.lobes, coarse, competing)
         several = coarse.repeated(len(competing))
-        trials = held(begun, several, TRIAL_STEPS, moving=moving)
+        trials = stepped(stack(halves), several, TRIAL_STEPS, moving=moving)
         winner = trials.value.argmin(keepdim=True)
         moving = None if moving is None else moving[winner]
-        found = held(trials.best().lobes, frame, STEPS, moving=moving)
+        found = stepped(trials.best().lobes, frame, STEPS, moving=moving)
         if float(found.value) < (1 - GAIN) * float(best.value):
             best = found
-            splits, filled = _to_try(best, frame, stays)
+            splits, filled = _to_try(best, frame)
             if on_step is not None:
                 on_step(best.lobes)
     return best
@@ -137,14 +131,10 @@ def _moving(lobes: Lobes, frame: objective.Target, splits: list[Split]) -> Tenso
     return neighbours.around(shown, frame.places.share, places, newton.PART)
 
 
-def _to_try(
-    best: newton.Outcome, frame: objective.Target, stays: Tensor | None
-) -> tuple[Iterator[Split], Tensor]:
+def _to_try(best: newton.Outcome, frame: objective.Target) -> tuple[Iterator[Split], Tensor]:
     """Return the splits of a fit in the order in which they are tried, and `absences`' steps."""
     assert best.shown is not None  # of lobes that took steps
     costs, filled = absences(best.shown, frame)
-    if stays is not None:
-        costs = torch.where(stays.to(costs.device), torch.inf, costs)
     return iter(ordered(best.shown, frame, costs)), filled
 
 

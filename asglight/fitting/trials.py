@@ -14,7 +14,6 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import lobe_images, newton, objective
-from asglight.fitting.coordinates import Leash
 from asglight.lobes import Lobes
 
 
@@ -43,7 +42,6 @@ def compete(
     effort: Effort,
     *,
     width_min: float,
-    leash: Leash | None = None,
     damping: Tensor | float = newton.DAMPING_START,
 ) -> tuple[Lobes, Tensor]:
     """Take steps from each trial.
@@ -54,7 +52,6 @@ def compete(
         frame: The map on few leaves.  F = 1
         effort: How much is spent.
         width_min: Sigma of the narrowest lobe allowed, radians.
-        leash: How far each lobe may go.
         damping: First damping.  [1]
 
     Returns:
@@ -62,9 +59,7 @@ def compete(
     """
     many = frame.repeated(len(indices))
     if effort.companions is None or effort.companions + 1 >= trials.count:
-        found = newton.minimise(
-            trials, many, effort.steps, damping=damping, width_min=width_min, leash=leash
-        )
+        found = newton.minimise(trials, many, effort.steps, damping=damping, width_min=width_min)
         return found.lobes, found.value
     shown = lobe_images.images(trials, many.places)
     each = torch.arange(len(indices), device=trials.axes.device)[:, None]
@@ -76,7 +71,6 @@ def compete(
         effort.steps,
         damping=damping,
         width_min=width_min,
-        leash=None if leash is None else Leash(leash.axis_z[moving[1]], leash.cosine[moving[1]]),
     )
     result = trials.clone()
     result.axes[moving], result.sharpness[moving] = found.lobes.axes, found.lobes.sharpness

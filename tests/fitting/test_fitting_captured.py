@@ -2,7 +2,6 @@
 """Steps recorded once and replayed: the same as steps one by one, whatever was replayed before."""
 
 import gc
-import math
 import warnings
 import weakref
 from collections.abc import Callable
@@ -16,7 +15,6 @@ from torch import Tensor
 
 from asglight.fitting import constants, newton, objective, temporal
 from asglight.fitting.captured import WARM_UPS, GraphRecorder, Replays, kind_of, mapped, tensors_of
-from asglight.fitting.coordinates import Leash
 from asglight.lobes import Form, Lobes
 
 pytestmark = pytest.mark.usefixtures("torch_steps")
@@ -52,9 +50,7 @@ def _case(form: Form = Form.ASG, frames: int = 1, held: bool = False, seed: int 
     others: dict = {}
     if held:
         before = alike(form, seeds=tuple(range(seed + 20, seed + 20 + frames)))
-        cosine = torch.full(lobes.axis_z.shape[:-1], math.cos(0.1 + seed))
         others["priors"] = [temporal.prior(before, 0.05), temporal.prior(lobes)]
-        others["leash"] = Leash(lobes.axis_z, cosine)
     return lobes, target(maps, 32, 8), others
 
 
@@ -113,7 +109,6 @@ OTHERS: list[Callable[[Case], Case]] = [
     lambda case: (case[0], replace(case[1], corners=objective.Corners(0.2, 0.01)), case[2]),
     lambda case: (case[0], case[1], {"width_min": 0.2}),
     lambda case: (case[0], case[1], {"priors": [temporal.prior(case[0])]}),
-    lambda case: (case[0], case[1], {"leash": Leash(case[0].axis_z, torch.ones(1, 5))}),
     lambda case: (case[0], target(noise(64), 32, 9), case[2]),
     lambda case: (case[0], target(noise(32), 32), case[2]),
     lambda case: (case[0].select(torch.arange(4)), case[1], case[2]),
@@ -350,16 +345,16 @@ def test_a_gpu_replays_the_steps_that_it_takes(
 
 def _to_gpu(case: Case) -> Case:
     lobes, frame, others = case
-    given = (lobes, frame, tuple(others.get("priors", ())), others.get("leash"))
-    lobes, frame, priors, leash = mapped(given, Tensor.cuda)
-    return lobes, frame, {"priors": priors, "leash": leash}
+    given = (lobes, frame, tuple(others.get("priors", ())))
+    lobes, frame, priors = mapped(given, Tensor.cuda)
+    return lobes, frame, {"priors": priors}
 
 
 def _one_by_one(
     lobes: Lobes, frame: objective.Target, others: dict, steps: int
 ) -> newton._Progress:
     """Take steps without a graph; from the second on, none may wait for the GPU."""
-    given = newton.Setting(frame, others["priors"], 0.0, others["leash"])
+    given = newton.Setting(frame, others["priors"], 0.0)
     start = newton.minimise(lobes, frame, 0, **others)
     assert start.shown is not None
     progress = newton._judged(start.shown, frame, given.priors), start.damping

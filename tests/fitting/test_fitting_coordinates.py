@@ -160,73 +160,17 @@ def test_lobes_of_a_batch_move_as_they_would_alone(form: Form) -> None:
     generator = torch.Generator().manual_seed(5)
     frames = [random_lobes(form, count=6, seed=seed) for seed in range(6)]
     step = 0.4 * torch.randn(6, 6, UNKNOWNS, generator=generator, dtype=DOUBLE)
-    was = random_lobes(form, count=36, seed=9).axis_z.reshape(6, 6, 3)
-    cosine = torch.linspace(-1, 0.9999, 36, dtype=DOUBLE).reshape(6, 6)
-    alone = [
-        advance(lobes, own, 0.1, coordinates.Leash(*leash))
-        for lobes, own, *leash in zip(frames, step, was, cosine, strict=True)
-    ]
+    alone = [advance(lobes, own, 0.1) for lobes, own in zip(frames, step, strict=True)]
     batch = stack(frames)
     axes, sharpness, amplitude = (
         value.unflatten(0, (2, 3)) for value in (batch.axes, batch.sharpness, batch.amplitude)
     )
-    leash = coordinates.Leash(was.unflatten(0, (2, 3)), cosine.unflatten(0, (2, 3)))
-    moved = advance(Lobes(axes, sharpness, amplitude, form), step.unflatten(0, (2, 3)), 0.1, leash)
+    moved = advance(Lobes(axes, sharpness, amplitude, form), step.unflatten(0, (2, 3)), 0.1)
     expected = stack(alone)
     for name in ("axes", "sharpness", "amplitude"):
         found = getattr(moved, name)
         assert found.shape[:3] == (2, 3, 6)
         torch.testing.assert_close(found.flatten(0, 1), getattr(expected, name))
-
-
-def test_a_leash_holds_a_lobe_within_its_angle() -> None:
-    lobes = random_lobes(Form.ASG, count=4)
-    far = random_lobes(Form.ASG, count=4, seed=3).axis_z
-    angle = torch.tensor([0.01, 0.5, 1.5, math.pi], dtype=DOUBLE)
-    moved = advance(lobes, _step(4), leash=coordinates.Leash(far, angle.cos()))
-    between = torch.acos((moved.axis_z * far).sum(-1))
-    before = torch.acos((lobes.axis_z * far).sum(-1))
-    assert bool((before[:2] > angle[:2]).all())
-    torch.testing.assert_close(between, torch.minimum(before, angle))
-    # along the great circle: in the plane of both
-    normal = torch.linalg.cross(lobes.axis_z, far)
-    across = (moved.axis_z * normal).sum(-1)
-    torch.testing.assert_close(across, torch.zeros_like(across))
-
-
-def test_between_two_leashes_a_lobe_keeps_within_both() -> None:
-    """However far it would go; near both it goes where it would."""
-    generator = torch.Generator().manual_seed(1)
-    own = torch.nn.functional.normalize(
-        torch.randn(500, 3, generator=generator, dtype=DOUBLE), dim=-1
-    )
-
-    def away(size: float) -> torch.Tensor:
-        step = torch.randn(500, 3, generator=generator, dtype=DOUBLE)
-        return torch.nn.functional.normalize(own + size * step, dim=-1)
-
-    places = away(0.1), away(0.1)
-    # each leash reaches to the lobe, some hardly further
-    slack = 1 + torch.rand(500, generator=generator, dtype=DOUBLE) ** 3
-    angles = [slack * torch.acos((place * own).sum(-1)) for place in places]
-    leashes = [
-        coordinates.Leash(place, angle.cos()) for place, angle in zip(places, angles, strict=True)
-    ]
-    between = coordinates.Between(*leashes, own)
-    found = between.hold(away(0.5))
-    for place, angle in zip(places, angles, strict=True):
-        beyond = torch.acos((found * place).sum(-1)) - angle
-        assert float(beyond.max()) < math.radians(0.2)  # the cosine's part in 10 000, at 2 degrees
-    torch.testing.assert_close(found.norm(dim=-1), torch.ones(500, dtype=DOUBLE))
-    loose = coordinates.Between(
-        *(
-            coordinates.Leash(leash.axis_z, torch.full_like(leash.cosine, -1.0))
-            for leash in leashes
-        ),
-        own,
-    )
-    wanted = away(0.5)
-    torch.testing.assert_close(loose.hold(wanted), wanted)
 
 
 def test_at_the_limit_of_round_both_coordinates_move_the_lobe_equally_fast() -> None:

@@ -10,7 +10,6 @@ from lobe_cases import KNOWN, alike, flat, noise, shown, target
 from torch import Tensor
 
 from asglight.fitting import lobe_images, neighbours, newton, objective, regroup, temporal
-from asglight.fitting.coordinates import Between, Leash
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 
@@ -74,24 +73,13 @@ def _two_frames() -> tuple[Lobes, objective.Target]:
     return alike(Form.ASG, seeds=(0, 6)), target(noise(64, 2), 32, 8)
 
 
-def _leash(lobes: Lobes, degrees: float) -> Leash:
-    cosine = torch.full_like(lobes.sharpness[..., 0], math.cos(math.radians(degrees)))
-    return Leash(lobes.axis_z, cosine)
-
-
-@pytest.mark.parametrize("bounds", ["free", "leash", "between"])
-def test_some_lobes_take_the_steps_that_they_take_where_all_others_stay(bounds: str) -> None:
+def test_some_lobes_take_the_steps_that_they_take_where_all_others_stay() -> None:
     lobes, frame = _two_frames()
     moving = torch.tensor([[0, 2, 3], [1, 2, 4]])
     still = torch.ones(2, 5, dtype=torch.bool).scatter(1, moving, False)
-    leash = {
-        "free": None,
-        "leash": _leash(lobes, 2.0),
-        "between": Between(_leash(lobes, 2.0), _leash(lobes, 1.0), lobes.axis_z),
-    }[bounds]
     priors = [temporal.prior(lobes, 1.0)]
-    held = newton.minimise(lobes, frame, 3, priors=priors, leash=leash, still=still)
-    found = newton.minimise(lobes, frame, 3, priors=priors, leash=leash, moving=moving)
+    held = newton.minimise(lobes, frame, 3, priors=priors, still=still)
+    found = newton.minimise(lobes, frame, 3, priors=priors, moving=moving)
     # the light of what is held is taken away from the map in float32
     torch.testing.assert_close(found.value, held.value, rtol=1e-4, atol=0)
     torch.testing.assert_close(found.damping, held.damping)

@@ -4,7 +4,6 @@
 What mixes devices or reads a value fails there; on a GPU it would fail or wait.
 """
 
-import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -18,7 +17,6 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from asglight.fitting import lobe_images, newton, temporal
 from asglight.fitting.captured import kind_of, mapped
-from asglight.fitting.coordinates import Between, Leash
 from asglight.lobes import Form, asg
 
 DEVICE = torch.device("meta")
@@ -56,19 +54,17 @@ def _only_there() -> Iterator[None]:
 def _start(form: Form, frames: int, held: bool) -> tuple[newton._Progress, newton.Setting]:
     """Return where a step begins, as a pass over a shot takes it if lobes are held.
 
-    There each neighbour has a prior and a leash, and some lobes stay.
+    There each neighbour has a prior, and some lobes stay.
     """
     lobes = alike(form, seeds=tuple(range(frames)))
     frame = target(noise(64, frames), 32, 8)
-    priors, leash, still = (), None, None
+    priors, still = (), None
     if held:
         priors = (temporal.prior(lobes, 0.05),) * 2
-        own = Leash(lobes.axis_z, torch.full(lobes.axis_z.shape[:-1], math.cos(0.1)))
-        leash = Between(own, own, lobes.axis_z)
         still = asg.flux(lobes).sum(-1) < asg.flux(lobes).sum(-1).mean(-1, keepdim=True)
     state = newton._judged(lobe_images.images(lobes, frame.places), frame, priors)
     damping = torch.full((frames,), 0.01, dtype=torch.float64)
-    return (state, damping), newton.Setting(frame, priors, 0.003, leash, still)
+    return (state, damping), newton.Setting(frame, priors, 0.003, still)
 
 
 def _there(value: Any) -> Any:
@@ -90,7 +86,7 @@ def test_a_narrowest_width_and_one_size_of_leaves_stay_there_too() -> None:
     lobes, frame = alike(Form.ASG), target(noise(32), 32)
     state = newton._judged(lobe_images.images(lobes, frame.places), frame, ())
     start = (state, torch.full((1,), 0.01, dtype=torch.float64))
-    progress, given = map(_there, (start, newton.Setting(frame, (), 0.0, None)))
+    progress, given = map(_there, (start, newton.Setting(frame, (), 0.0)))
     newton._step(progress, given)
     with _only_there():
         found = newton._step(progress, given)

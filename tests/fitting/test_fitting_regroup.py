@@ -7,7 +7,6 @@ from lobe_cases import DOUBLE, lamps, random_lobes
 from torch import Tensor
 
 from asglight.fitting import lobe_images, newton, objective, regroup
-from asglight.fitting.coordinates import Leash
 from asglight.fitting.leaves import leaves
 from asglight.lobes import Form, Lobes, asg, texels
 
@@ -173,24 +172,3 @@ def test_halves_of_a_narrow_lobe_keep_its_flux_and_middle(form: Form, axis: int)
     # they lie along the axis
     assert float(apart @ narrow.axes[0, axis]) == pytest.approx(1.0, abs=1e-9)
     assert torch.equal(halves.axes[1], narrow.axes[1])
-
-
-def test_lobes_that_stay_do_not_go_elsewhere() -> None:
-    """Of the two on one lamp neither goes to where one stands for two."""
-    start, frame = misplaced()
-    stuck = newton.minimise(start, frame, 40)
-    stays = torch.ones(3, dtype=torch.bool)
-    kept = regroup.regroup(stuck, frame, frame, 6, 0.0, stays=stays)
-    assert _nearest(kept.lobes, [*TWO, ALONE]) < 0.99
-    stays[2] = False
-    found = regroup.regroup(stuck, frame, frame, 6, 0.0, stays=stays)
-    assert _nearest(found.lobes, [*TWO, ALONE]) > 0.999
-
-
-def test_no_lobe_leaves_its_leash_for_a_split() -> None:
-    start, frame = misplaced()
-    stuck = newton.minimise(start, frame, 40)
-    leash = Leash(stuck.lobes.axis_z[0], torch.full((3,), 0.999))
-    found = regroup.regroup(stuck, frame, frame, 6, 0.0, leash=leash)
-    cosine = (found.lobes.axis_z[0] * leash.axis_z).sum(-1)
-    assert float(cosine.min()) > 0.999 - 1e-6

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The temporal term and what it holds; dark lobes; the leash."""
+"""The temporal term and what it holds; dark lobes."""
 
 import math
 from dataclasses import replace
@@ -10,7 +10,7 @@ from lobe_cases import DOUBLE, lamps, noise, random_lobes
 from torch import Tensor
 
 from asglight.fitting import newton, objective, temporal
-from asglight.fitting.coordinates import UNKNOWNS, Leash, advance, is_round
+from asglight.fitting.coordinates import UNKNOWNS, advance, is_round
 from asglight.fitting.leaves import leaves
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
@@ -31,18 +31,6 @@ def test_blackened_takes_the_light_of_dark_lobes_alone() -> None:
     assert torch.equal(found.amplitude[:2], one.amplitude[:2])
     assert float(found.amplitude[2].max()) == 0.0
     assert torch.equal(found.axes, one.axes)
-
-
-def test_leash_pulls_back_to_its_angle_and_lets_the_free_go() -> None:
-    at = torch.tensor([[0.0, 0.0, 1.0]]).expand(3, 3)
-    leash = Leash(at, torch.tensor([math.cos(0.2), math.cos(0.2), -1.0]))
-    wanted = torch.tensor([0.1, 0.5, 3.0])
-    going = torch.stack([wanted.sin(), torch.zeros(3), wanted.cos()], dim=-1)
-    held = leash.hold(going)
-    angle = torch.atan2(held[:, 0], held[:, 2])
-    # 1e-6: float32 sines
-    torch.testing.assert_close(angle, torch.tensor([0.1, 0.2, 3.0]), rtol=0, atol=1e-6)
-    torch.testing.assert_close(held.norm(dim=-1), torch.ones(3))
 
 
 def _way(lobes: Lobes, held: temporal.Prior) -> Tensor:

@@ -9,7 +9,6 @@ from torch import Tensor
 
 from asglight.fitting import compiled, temporal
 from asglight.fitting.compiled import layout
-from asglight.fitting.coordinates import Between, Leash
 from asglight.lobes import Lobes, asg
 
 
@@ -24,18 +23,11 @@ def solve(
     return found
 
 
-def advance(lobes: Lobes, step: Tensor, width_min: float, leash: Leash | Between | None) -> Lobes:
+def advance(lobes: Lobes, step: Tensor, width_min: float) -> Lobes:
     """Return `coordinates.advance`."""
     found = [torch.empty_like(each) for each in (lobes.axes, lobes.sharpness, lobes.amplitude)]
-    held = layout.Leash()
-    parts = [leash] if isinstance(leash, Leash) else [leash.before, leash.after] if leash else []
-    kept = [(each.axis_z.contiguous(), each.cosine.contiguous()) for each in parts]
-    for index, (axis_z, cosine) in enumerate(kept):
-        held.was[index], held.cosine[index] = axis_z.data_ptr(), cosine.data_ptr()
-    own = leash.own.contiguous() if isinstance(leash, Between) else None
-    held.own = None if own is None else own.data_ptr()
     bounds = layout._bounds(width_min)
-    given = lobes.axes, lobes.sharpness, lobes.amplitude, step.contiguous(), bounds, held
+    given = lobes.axes, lobes.sharpness, lobes.amplitude, step.contiguous(), bounds
     _call("asglight_advance", lobes.sharpness.numel() // 2, *given, *found)
     return Lobes(*found, lobes.form)
 

@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import coordinates, splatting, temporal
-from asglight.fitting.coordinates import Between
 from asglight.fitting.grid import Grid
 from asglight.lobes import Form, asg
 
@@ -69,12 +68,6 @@ class Target(Structure):
     """What the pointers point to."""
 
 
-class Leash(Structure):
-    """How far lobes may go; all null where they are free."""
-
-    _fields_ = (("was", c_void_p * 2), ("cosine", c_void_p * 2), *_pointers("own"))
-
-
 class Prior(Structure):
     """A temporal term of frames."""
 
@@ -96,7 +89,6 @@ class Steps(Structure):
         *_pointers("leaves", "target", "probes", "cell_probes", "cell_places", "cell_share"),
         *_pointers("still"),
         ("bounds", c_float * 5),
-        ("leash", Leash),
         ("priors", Prior * PRIORS_MAX),
         *_numbers("prior_count"),
         *((f"damping_{name}", c_double) for name in ("up", "down", "min", "max")),
@@ -240,13 +232,6 @@ def steps(
     found.bounds = _bounds(given.width_min)
     if given.still is not None:
         found.still = laid(given.still)
-    leash = given.leash
-    if isinstance(leash, Between):
-        leashes, found.leash.own = [leash.before, leash.after], laid(leash.own, 3)
-    else:
-        leashes = [] if leash is None else [leash]
-    for index, each in enumerate(leashes):
-        found.leash.was[index], found.leash.cosine[index] = laid(each.axis_z, 3), laid(each.cosine)
     for prior, each in zip(found.priors, given.priors, strict=False):
         lobes = each.lobes
         prior.axes, prior.sharpness = laid(lobes.axes, 3, 3), laid(lobes.sharpness, 2)

@@ -132,12 +132,8 @@ static void try_step(Frame *own, const Steps *given, Counts counts, int64_t fram
     int64_t first = frame * counts.lobes;
     asglight_solve(1, counts.lobes, own->hessian, own->gradient, now->sharpness, now->amplitude,
                    damping, given->still ? given->still + first : 0, given->bounds + 3, work.step);
-    Leash leash = given->leash;
-    for (int k = 0; k < 2 && leash.was[k]; k++)
-        leash.was[k] += 3 * first, leash.cosine[k] += first;
-    if (leash.own) leash.own += 3 * first;
     asglight_advance(counts.lobes, now->axes, now->sharpness, now->amplitude, work.step,
-                     given->bounds, &leash, tried->axes, tried->sharpness, tried->amplitude);
+                     given->bounds, tried->axes, tried->sharpness, tried->amplitude);
     asglight_images(1, counts.lobes, tried->axes, tried->sharpness, &own->leaves, tried->values,
                     tried->gaussian, tried->scale);
     judge(tried, own, given, counts, frame, work);

@@ -7,9 +7,9 @@
 
 #include <string.h>
 
-enum { UNKNOWNS = 8, PULLS = 4 };
+enum { UNKNOWNS = 8 };
 
-static const double BROAD = 0.5, ROUND_RATIO = 2.6, SEEN_SHARE = 1e-12, BEYOND = 1e-4;
+static const double BROAD = 0.5, ROUND_RATIO = 2.6, SEEN_SHARE = 1e-12;
 
 enum { STRIP = 4 };
 
@@ -114,36 +114,11 @@ static double shear(const double shifted[2], const double shape[3], double found
     return 0.5 * atan(b / (half == 0 ? 1e-300 : half));
 }
 
-/* Leash.hold: pull a unit direction back to within an angle of where it was. */
-static void hold(const float *was, double cosine, double *axis) {
-    double from[3] = {was[0], was[1], was[2]}, along = dot(axis, from), across[3];
-    if (along >= cosine) return;
-    for (int k = 0; k < 3; k++) across[k] = axis[k] - along * from[k];
-    normalise(across);
-    double sine = sqrt(fmax(1 - cosine * cosine, 0));
-    for (int k = 0; k < 3; k++) axis[k] = cosine * from[k] + sine * across[k];
-}
-
-/* Leash.hold or Between.hold of one lobe. */
-static void hold_within(const Leash *leash, int64_t lobe, double *axis) {
-    const float *before = leash->was[0], *after = leash->was[1];
-    if (!before) return;
-    before += 3 * lobe;
-    double cosine = leash->cosine[0][lobe];
-    for (int pull = 0; pull < (after ? PULLS : 1); pull++) {
-        hold(before, cosine, axis);
-        if (after) hold(after + 3 * lobe, leash->cosine[1][lobe], axis);
-    }
-    double along = axis[0] * before[0] + axis[1] * before[1] + axis[2] * before[2];
-    if (after && along < cosine - BEYOND)
-        for (int k = 0; k < 3; k++) axis[k] = leash->own[3 * lobe + k];
-}
-
 /* coordinates.advance of one lobe; bounds: TILT_MAX_WIDTHS, TILT_MAX, SHAPE_MAX, SHARPNESS_MIN and
  * the largest sharpness allowed. */
 static void advance(const float *axes, const float *sharpness, const float *amplitude,
-                    const double *step, const float *bounds, const Leash *leash, int64_t lobe,
-                    float *new_axes, float *new_sharpness, float *new_amplitude) {
+                    const double *step, const float *bounds, float *new_axes,
+                    float *new_sharpness, float *new_amplitude) {
     double shape[3] = {step[2], step[3], step[4]}, largest = bounds[2], axis[3], x[3];
     double tilt[2], shifted[2], widths[2], angle;
     for (int k = 0; k < 2; k++) {
@@ -157,8 +132,6 @@ static void advance(const float *axes, const float *sharpness, const float *ampl
         shape[k] *= bounds[2] / largest;
         axis[k] = axes[6 + k] + tilt[0] * axes[k] + tilt[1] * axes[3 + k];
     }
-    normalise(axis);
-    hold_within(leash, lobe, axis);
     normalise(axis);
     if (is_round(shifted[0], shifted[1])) {
         angle = shear(shifted, shape, widths);
@@ -187,11 +160,10 @@ static void advance(const float *axes, const float *sharpness, const float *ampl
 /* coordinates.advance of [lobes]. */
 API void asglight_advance(int64_t lobes, const float *axes, const float *sharpness,
                           const float *amplitude, const double *step, const float *bounds,
-                          const Leash *leash, float *new_axes, float *new_sharpness,
-                          float *new_amplitude) {
+                          float *new_axes, float *new_sharpness, float *new_amplitude) {
     for (int64_t i = 0; i < lobes; i++)
         advance(axes + 9 * i, sharpness + 2 * i, amplitude + 3 * i, step + UNKNOWNS * i, bounds,
-                leash, i, new_axes + 9 * i, new_sharpness + 2 * i, new_amplitude + 3 * i);
+                new_axes + 9 * i, new_sharpness + 2 * i, new_amplitude + 3 * i);
 }
 
 /* temporal.value and slopes: lobes and `before` [F][N], share [F][N], scale [F][N][8], corner [1];

@@ -138,12 +138,6 @@ static inline Target target_of(const Target *all, int64_t frame) {
     return own;
 }
 
-/* coordinates.Leash: where lobes were [N][3] and the cosine of how far they may go [N]; two of them
- * and where they are [N][3] for coordinates.Between, null for none. */
-typedef struct {
-    const float *was[2], *cosine[2], *own;
-} Leash;
-
 /* temporal.Prior of frames: lobes [F][N], share [F][N], scale [F][N][8]. */
 typedef struct {
     const float *axes, *sharpness, *amplitude, *share, *scale;
@@ -166,7 +160,6 @@ typedef struct {
     const float *cell_places, *cell_share;
     const uint8_t *still; /* [F][N], or null */
     float bounds[5];      /* of asglight_advance */
-    Leash leash;
     Prior priors[PRIORS_MAX];
     int64_t prior_count;
     double damping_up, damping_down, damping_min, damping_max;
@@ -229,8 +222,7 @@ API void asglight_solve(int64_t frames, int64_t lobes, const double *hessian,
                         double *step);
 API void asglight_advance(int64_t lobes, const float *axes, const float *sharpness,
                           const float *amplitude, const double *step, const float *bounds,
-                          const Leash *leash, float *new_axes, float *new_sharpness,
-                          float *new_amplitude);
+                          float *new_axes, float *new_sharpness, float *new_amplitude);
 API void asglight_temporal(int64_t frames, int64_t lobes, const float *axes,
                            const float *sharpness, const float *amplitude,
                            const float *before_axes, const float *before_sharpness,

@@ -235,6 +235,7 @@ class Shot:
                 extra: slice = extra,
                 order: Tensor = order,
             ) -> Tensor:
+                """Return the frames of a lobe and its samples between, in order."""
                 return torch.cat([own[:, index], more[extra]])[order][:, None]
 
             joined = Lobes(
