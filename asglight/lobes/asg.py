@@ -93,8 +93,8 @@ def unit_lobes(lobes: Lobes, directions: Tensor) -> Tensor:
     """
     if lobes.form is Form.SG:  # depends on axis_z alone; this keeps its precision where z -> 1
         # component by component: a sum over three is slow where they lie side by side
-        pairs = zip(directions.mT, lobes.axis_z.unbind(-1), strict=True)
-        x, y, z = ((end - start[..., None]).square_() for end, start in pairs)
+        pairs = zip(directions.unbind(-1), lobes.axis_z.unbind(-1), strict=True)
+        x, y, z = ((end - start[..., None]).square() for end, start in pairs)
         return x.add_(y).add_(z).mul_(-0.5 * lobes.sharpness[..., :1]).exp_()
     return local_values(lobes, lobes.axes @ directions.mT)
 

@@ -13,7 +13,7 @@ from asglight.fitting.first_frame import Level, fit_first_frame
 from asglight.fitting.following import LIVE, fit_next_frame
 from asglight.fitting.objective import Corners
 from asglight.fitting.stills import fit_stills, fits
-from asglight.fitting.whole_shot import refine_shot
+from asglight.fitting.whole_shot import Refinement, refine_shot
 from asglight.lobes import Form
 from asglight.lobes.data import stack
 
@@ -61,8 +61,10 @@ def test_the_pass_over_a_shot_stays_on_the_device() -> None:
         yield [first_frame.exposed(each.to(DEVICE)) for each in maps]
 
     with watched(), torch.inference_mode():
-        _, losses = refine_shot(shot, there)
-    expected = refine_shot(shot, lambda: [[first_frame.exposed(each) for each in maps]])
+        _, losses = refine_shot(shot, there, Refinement())
+    expected = refine_shot(
+        shot, lambda: [[first_frame.exposed(each) for each in maps]], Refinement()
+    )
     # there every step is taken, here none after one that gains too little
     assert losses == pytest.approx(expected[1], rel=3e-2)
 

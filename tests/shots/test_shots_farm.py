@@ -121,7 +121,7 @@ def test_a_run_goes_on_where_an_interrupted_one_stopped(
 
     with pytest.raises(KeyboardInterrupt):
         on_farm(source, output, address, interrupt)
-    (kept,) = (tmp_path / "shot.usda.parts").glob("*.done")
+    kept = next((tmp_path / "shot.usda.parts").glob("*.done"))  # two may end at once
     before = kept.with_suffix(".usdc").stat().st_mtime_ns
     again: list[Event] = []
 
