@@ -26,7 +26,7 @@ from asglight.judging.metrics import frame_errors
 from asglight.judging.stress_cases import CASES
 from asglight.lobes import Form, Lobes
 
-WORKER = Path(__file__).with_name("rounding_worker.py")
+ROOT = Path(__file__).resolve().parents[1]
 
 Arrays = dict[str, np.ndarray]
 Figures = dict[str, float]
@@ -138,8 +138,8 @@ def worked(given: Mapping[str, Arrays], arithmetic: str, device: str) -> dict[st
         source, target = Path(folder) / "given.npz", Path(folder) / "found.npz"
         stored = {f"{name}/{key}": each for name, own in given.items() for key, each in own.items()}
         np.savez(source, **stored)  # pyright: ignore[reportArgumentType]
-        words = [sys.executable, str(WORKER), arithmetic, device, str(source), str(target)]
-        subprocess.run(words, check=True)
+        words = [sys.executable, "-m", "benchmarks.rounding_worker", arithmetic, device]
+        subprocess.run([*words, str(source), str(target)], check=True, cwd=ROOT)
         found: dict[str, Arrays] = {name: {} for name in given}
         with np.load(target) as values:
             for key in values:

@@ -24,14 +24,14 @@ class Measure(NamedTuple):
 
 
 MEASURES = (
-    Measure("tests", "marked_tests", 60),
-    Measure("agreement", "agreement", 60),
-    Measure("first frame", "first_frame", 35),
-    Measure("shot, live", "shot", 25, "live"),
-    Measure("shot, fast", "shot", 40, "fast"),
-    Measure("shot, best", "shot", 60, "best"),
-    Measure("stills", "stills", 80),
-    Measure("error against time", "against_time", 60),
-    Measure("viewer", "viewer", 30),
+    Measure("tests", "marked_tests", 30),
+    Measure("agreement", "agreement", 75),
+    Measure("first frame", "first_frame", 30),
+    Measure("shot, live", "shot", 45, "live"),
+    Measure("shot, fast", "shot", 60, "fast"),
+    Measure("shot, best", "shot", 65, "best"),
+    Measure("stills", "stills", 75),
+    Measure("error against time", "against_time", 50),
+    Measure("viewer", "viewer", 25),
 )
 """In all less than `DEADLINE`: what is right first, then what is asked for, then what compares."""
