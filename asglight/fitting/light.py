@@ -9,6 +9,7 @@ from torch import Tensor
 
 from asglight.fitting import compiled, leaves, newton, objective
 from asglight.fitting.lobe_images import Images
+from asglight.fitting.non_negative import non_negative_least_squares
 from asglight.fitting.objective import Corners
 from asglight.fitting.probes import probe, tables
 
@@ -143,26 +144,22 @@ def _non_negative(gram: Tensor, right: Tensor, near: Tensor) -> Tensor:
         right: b.  [N, 3]
         near: The amplitudes so far.  [N, 3]
     """
-    from scipy.optimize import nnls  # a third of a second to load
-
     matrix, wanted, before = (each.cpu().numpy() for each in (gram, right, near))
     scale = 1 / np.sqrt(matrix.diagonal().clip(min=1e-300))  # to unit diagonal
     scaled = matrix * scale[:, None] * scale
     ridge = RIDGE
-    while (factor := _factored(scaled, ridge)) is None and ridge < 1:
+    while not _is_definite(ridged := scaled + ridge * np.eye(len(scaled))):
         ridge *= 10
-    if factor is None:
-        return near.clone()
+        if ridge > 1:
+            return near.clone()
     pulled = wanted * scale[:, None] + ridge * before / scale[:, None]
-    # scipy's triangular solution wakes threads, which stay awake and take a core each
-    target = np.linalg.solve(factor, pulled)
-    solved = [nnls(factor.T, column)[0] for column in target.T]
+    solved = [non_negative_least_squares(ridged, column) for column in pulled.T]
     return torch.from_numpy(np.stack(solved, axis=-1) * scale[:, None]).to(gram)
 
 
-def _factored(matrix: np.ndarray, ridge: float) -> np.ndarray | None:
-    """Return the Cholesky factor of a matrix and a ridge; None where that is not definite."""
+def _is_definite(matrix: np.ndarray) -> bool:
     try:
-        return np.linalg.cholesky(matrix + ridge * np.eye(len(matrix)))
+        np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
-        return None
+        return False
+    return True

@@ -21,12 +21,12 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from asglight.lobes import flat
 from asglight.lobes.data import Form, Lobes
+from asglight.sphere.dawson import dawson
 
 SHARPNESS_MIN = 1e-3
 """Dimensionless. Below it a lobe is a plain (half) sphere to 0.1 %; 1/sharpness stays finite."""
@@ -277,15 +277,13 @@ def _sharp_radial(q: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 
 class _Dawson(torch.autograd.Function):
-    """D(sqrt q) / sqrt q with scipy's Dawson function; derivative from D' = 1 - 2 x D."""
+    """D(sqrt q) / sqrt q; derivative from D' = 1 - 2 x D."""
 
     @staticmethod
     def forward(ctx: Any, q: Tensor) -> Tensor:
         """Return D(sqrt q) / sqrt q."""
-        from scipy.special import dawsn  # 0.15 s to load: only bingham lobes pay for it
-
-        root = np.sqrt(q.detach().cpu().numpy())
-        value = torch.from_numpy(np.asarray(dawsn(root) / root)).to(q)
+        root = q.detach().to(torch.float64).sqrt()
+        value = (dawson(root) / root).to(q)
         ctx.save_for_backward(q, value)
         return value
 

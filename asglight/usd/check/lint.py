@@ -27,6 +27,7 @@ from asglight.usd.stage import (
     image_file,
     numbers,
     open_stage,
+    sampled_values,
     show,
     shown_representation,
 )
@@ -171,7 +172,7 @@ def _attribute_findings(attribute: Usd.Attribute) -> Iterator[str]:
         if attribute.GetPrim().GetTypeName() == schema.LIGHT_TYPES[Representation.CARDS]:
             yield from _texture_findings(attribute, times)
     elif schema.VALUE_TYPES.get(name) == attribute.GetTypeName():
-        yield from _number_findings(attribute, times)
+        yield from _number_findings(attribute)
 
 
 def _transform_findings(attribute: Usd.Attribute) -> Iterator[str]:
@@ -217,7 +218,7 @@ def _is_there(asset: Sdf.AssetPath) -> bool:
     )
 
 
-def _number_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[str]:
+def _number_findings(attribute: Usd.Attribute) -> Iterator[str]:
     kind = attribute.GetTypeName()
     if kind not in (
         Sdf.ValueTypeNames.Float,
@@ -227,9 +228,7 @@ def _number_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[s
         Sdf.ValueTypeNames.Quatf,
     ):
         return
-    query = Usd.AttributeQuery(attribute)
-    values = [query.Get(), *(query.Get(time) for time in times)]
-    present = [value for value in values if value is not None]
+    present = sampled_values(attribute)
     rows = numbers(present, kind)
     low, high = LIMITS.get(attribute.GetName(), (-math.inf, math.inf))
     finite = np.isfinite(rows).all(-1)

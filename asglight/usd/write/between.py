@@ -39,6 +39,10 @@ STEPS = 256
 """Samples lie at multiples of this part of a span. Sharpness and flux a thousand times as large
 take steps of one near the dark end."""
 
+CLOSE = 0.9
+"""Error of a step, over what is allowed, from which a longer one is not sought. To 85,400 samples in
+1,000 frames of a tunnel it adds 400, and saves half of the search."""
+
 SMALL = 5e-4
 """Changes x of log sharpness and y of log flux in a span with x (x + y) below this are within half
 of what is allowed, whatever the light (tests/usd/test_usd_between.py)."""
@@ -287,17 +291,19 @@ class _Inserted(NamedTuple):
 
 
 def _needed(spans: _Where, errors: Spans) -> _Inserted:
-    """Return the fewest samples with which the errors of spans are within what is allowed.
+    """Return about the fewest samples with which errors of spans are within what is allowed.
 
-    From each sample the next is the farthest that may be: the longer a step, the larger its error,
-    about as its square, which guides the search. A step of one is taken whatever its error.
+    From each sample the next is about the farthest that may be (`CLOSE`): the longer a step, the
+    larger its error, about as its square, which guides the search from the length of the step
+    before. A step of one is taken whatever its error.
     """
     found = [_Inserted(spans.place[:0], spans.lobe[:0], spans.lobe[:0])]
     at = torch.zeros_like(spans.place)
+    length = torch.full_like(at, STEPS)
     going = torch.arange(len(at))
     while len(going):
         good, bad = at[going] + 1, torch.full_like(going, STEPS + 1)
-        step, open_ = torch.full_like(going, STEPS), torch.arange(len(going))
+        step, open_ = (at + length)[going].clamp(max=STEPS), torch.arange(len(going))
         while len(open_):
             begin, tried = at[going[open_]], step[open_]
             error = errors.at(going[open_]).error(begin.double() / STEPS, tried.double() / STEPS)
@@ -306,7 +312,8 @@ def _needed(spans: _Where, errors: Spans) -> _Inserted:
             bad[open_] = torch.where(reaches, bad[open_], tried).maximum(good[open_] + 1)
             guess = begin + (tried - begin) * error.clamp(min=1e-6).rsqrt()
             step[open_] = guess.floor().long().maximum(good[open_] + 1).minimum(bad[open_] - 1)
-            open_ = open_[(bad - good)[open_] > 1]
+            open_ = open_[((bad - good)[open_] > 1) & ~(reaches & (error > CLOSE))]
+        length[going] = good - at[going]
         at[going] = good
         going = going[good < STEPS]
         found.append(_Inserted(spans.place[going], spans.lobe[going], at[going]))

@@ -14,6 +14,7 @@ Symbols: S spans, Q probes, K even steps, C cards.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple, Protocol, Self
 
 import torch
@@ -157,14 +158,19 @@ def through(nodes: Tensor, time: Tensor) -> Tensor:
     Returns:
         [S, Q, ...]
     """
-    count = nodes.shape[1]
-    steps = torch.arange(count, dtype=time.dtype)
-    way = time[..., None] * (count - 1) - steps  # [S, Q, K]
-    others = ~torch.eye(count, dtype=torch.bool)
-    basis = torch.stack(
-        [way[..., o].prod(-1) / (k - steps[o]).prod() for k, o in enumerate(others)], -1
-    )
-    return torch.einsum("sqk,sk...->sq...", basis, nodes)
+    terms = torch.einsum("jk,sk...->js...", _powers_from_nodes(nodes.shape[1]), nodes)
+    way = time.reshape(*time.shape, *[1] * (nodes.ndim - 2))
+    value = terms[-1].unsqueeze(1)
+    for term in reversed(terms[:-1].unbind()):  # Horner's scheme
+        value = term.unsqueeze(1) + way * value
+    return value
+
+
+@cache
+def _powers_from_nodes(count: int) -> Tensor:
+    """Return what makes coefficients of 1, t, t^2, ... of values at even steps.  [K, K]."""
+    steps = torch.linspace(0, 1, count, dtype=torch.float64)
+    return torch.linalg.inv(torch.vander(steps, increasing=True))
 
 
 def gaussian_radiance(flux: Tensor, wanted: Tensor, shapes: Tensor) -> Tensor:
