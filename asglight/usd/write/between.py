@@ -40,8 +40,8 @@ STEPS = 256
 take steps of one near the dark end."""
 
 CLOSE = 0.9
-"""Error of a step, over what is allowed, from which a longer one is not sought. To 85,400 samples in
-1,000 frames of a tunnel it adds 400, and saves half of the search."""
+"""Error of a step, over what is allowed, from which a longer one is not sought. To 85,400
+samples in 1,000 frames of a tunnel it adds 400, and saves half of the search."""
 
 SMALL = 5e-4
 """Changes x of log sharpness and y of log flux in a span with x (x + y) below this are within half
