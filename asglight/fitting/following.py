@@ -73,7 +73,7 @@ BEST = FrameSettings(
         Level(24, Corners(0.1, 0.002)),
     ),
     changed=(),
-    relocation=Relocation(rounds=3, trial=Effort(6)),
+    relocation=Relocation(rounds=3, trial=Effort(4), splits=4),
     afresh_loss=0.5,
 )
 
