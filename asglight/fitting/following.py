@@ -28,6 +28,7 @@ from asglight.fitting.relocation import Relocation, relocated
 from asglight.fitting.trials import Effort
 from asglight.lobes import Lobes, asg
 from asglight.lobes.frames import align, parallel_transport
+from asglight.lobes.near import nearest
 
 
 @dataclass(frozen=True)
@@ -220,9 +221,7 @@ def initial_guess(
     """
     places = [before.axis_z]
     if earlier is not None:
-        onward = _mirrored(earlier.axis_z, before.axis_z)
-        known = ~temporal.is_dark(earlier)
-        places.append(torch.where(known[:, None], onward, before.axis_z))
+        places.append(onward(before, earlier))
     still = lobe_images.images(_at(before, torch.stack(places)), frame.places)
     taken = responsibilities(still)
     found = re_detected(still.lobes[:1], taken[:1], frame)
@@ -257,9 +256,34 @@ def _at(lobes: Lobes, axis_z: Tensor) -> Lobes:
     )
 
 
-def _mirrored(direction: Tensor, about: Tensor) -> Tensor:
-    """Return a direction as far beyond another as it was before it.  [N, 3]."""
-    return 2 * (direction * about).sum(-1, keepdim=True) * about - direction
+def onward(before: Lobes, earlier: Lobes) -> Tensor:
+    """Return where lobes are that turn on as they did.
+
+    A lobe that is new turns with the one that it is near to: lobes on one lamp move together.
+
+    Args:
+        before: The frame before.  [N, .]
+        earlier: The frame before that.  [N, .]
+
+    Returns:
+        Their axes z.  [N, 3]
+    """
+    known = ~temporal.is_dark(earlier)
+    beside, is_near = nearest(before, known)
+    own = torch.arange(before.count, device=beside.device)
+    leader = torch.where(known | ~is_near, own, beside)
+    turned = _turned(before.axis_z, earlier.axis_z[leader], before.axis_z[leader])
+    return torch.where((known | is_near)[:, None], turned, before.axis_z)
+
+
+def _turned(directions: Tensor, start: Tensor, end: Tensor) -> Tensor:
+    """Turn directions as from a start to an end on its great circle.  [N, 3] each."""
+    axis = torch.linalg.cross(start, end)
+    across = torch.linalg.cross(axis, directions)
+    cosine = (start * end).sum(-1, keepdim=True)
+    # Rodrigues' formula without the angle; opposite ends have no shortest way, and stay
+    again = torch.linalg.cross(axis, across) / (1 + cosine).clamp(min=1e-6)
+    return torch.nn.functional.normalize(directions + across + again, dim=-1)
 
 
 def _within_reach(exposure: float, previous: Lobes) -> float:

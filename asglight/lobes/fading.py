@@ -16,7 +16,7 @@ from torch import Tensor
 
 from asglight.lobes.data import Lobes
 from asglight.lobes.frames import continuous
-from asglight.lobes.heirs import nearest
+from asglight.lobes.near import nearest
 
 
 def carried_on(lobes: Lobes) -> Lobes:
@@ -73,8 +73,9 @@ def _turn(shot: Lobes, lit: Tensor, index: int, end: int, beyond: int) -> Tensor
         end: The path's last frame, or its first.
         beyond: The dark frame next to it.
     """
-    near = nearest(shot[end], lit[end] & lit[beyond], index)
-    if near is not None:
+    lobes, is_near = nearest(shot[end], lit[end] & lit[beyond])
+    if is_near[index]:
+        near = int(lobes[index])
         return shot.axes[beyond, near].mT @ shot.axes[end, near]
     inner = 2 * end - beyond
     if not 0 <= inner < len(lit) or not bool(lit[inner, index]):

@@ -12,13 +12,9 @@ their own widths.
 """
 
 import torch
-from torch import Tensor
 
-from asglight.lobes import asg
 from asglight.lobes.data import Lobes
-
-WIDTH_MAX = 0.35
-"""Radians, 20 degrees: a broad lobe is near to lobes within these, not to half of the sphere."""
+from asglight.lobes.near import nearest
 
 
 def inherited(lobes: Lobes) -> Lobes:
@@ -41,23 +37,8 @@ def inherited(lobes: Lobes) -> Lobes:
         shown = lobes[frame].select(order[frame])
         for ended in torch.nonzero(now & ~lit[frame + 1, order[frame + 1]]).flatten().tolist():
             going = now & lit[frame + 1, order[frame + 1]]
-            heir = nearest(shown, going & (begun > begun[ended]), ended)
-            if heir is not None:
+            index, is_near = nearest(shown, going & (begun > begun[ended]))
+            if is_near[ended]:
+                heir = int(index[ended])
                 order[frame + 1 :, [ended, heir]] = order[frame + 1 :, [heir, ended]]
     return lobes[torch.arange(len(lit))[:, None], order]
-
-
-def nearest(lobes: Lobes, among: Tensor, index: int) -> int | None:
-    """Return the lobe that is nearest to another, in their widths; None if that is more than one.
-
-    Args:
-        lobes: Of one frame.  [N, .]
-        among: Which may be it.  [N]
-        index: The other.
-    """
-    narrow = lobes.sharpness.amin(-1)
-    width = (asg.per_variance(lobes.form) * narrow).rsqrt().clamp(max=WIDTH_MAX)
-    turned = torch.acos((lobes.axis_z @ lobes.axis_z[index]).clamp(-1, 1))
-    apart = torch.where(among, turned / (width + width[index]), torch.inf)
-    found = int(apart.argmin())
-    return found if float(apart[found]) < 1 else None
