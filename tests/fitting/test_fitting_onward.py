@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where lobes of the next frame are looked for: on their great circles, with the lamp they are on."""
+"""Where lobes of the next frame are looked for: on great circles, with the lamp they are on."""
 
 import math
 
