@@ -18,6 +18,10 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
+FRAMES_MAX = 1_000_000
+"""Of a shot: eleven hours at 24 frames a second. A range beyond it is damage, and would fill the
+memory."""
+
 
 class Form(StrEnum):
     """The function of direction that a lobe stands for; x, y, z are components in its frame."""
