@@ -21,10 +21,11 @@ ALLOWED = {
     "sky": {"sphere", "images"},
     "judging": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers"},
     "shots": {"sphere", "lobes", "fitting", "images", "usd"},
+    "arrays": {"sphere", "lobes", "shading", "fitting", "images", "judging", "shots"},
     "export": {"lobes", "shading", "images"},
     "viewer": {"sphere", "lobes", "shading", "usd", "images"},
     "cli": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers", "judging", "sky"}
-    | {"shots", "export", "viewer"},
+    | {"shots", "arrays", "export", "viewer"},
 }
 """Every room may also import asglight.errors, asglight.shader_files, asglight.threads,
 asglight.c_library, and asglight itself (for its version)."""
