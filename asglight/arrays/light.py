@@ -8,6 +8,7 @@ as they are, where they are. All is differentiable by torch, to the lobes and to
 Dimension letters: T times, N lobes, P points.
 """
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -18,8 +19,10 @@ from torch import Tensor
 from asglight.errors import InputError
 from asglight.lobes import Lobes, LobeTracks, asg, motion
 from asglight.lobes.texels import texel_means
-from asglight.shading import ggx_lobes
+from asglight.shading import ggx, ggx_lobes
 from asglight.shading.balls import ROUGHNESS, ROUGHNESS_MIN, coverage, covered
+from asglight.shading.ggx_layer import layer
+from asglight.shading.ggx_lobes import COS_VIEW_MIN
 from asglight.shading.rectified import irradiance_over_pi
 from asglight.shading.sheets import amplitudes, sheets
 
@@ -28,6 +31,10 @@ Light = LobeTracks | Lobes
 
 Time = float | Sequence[float] | None
 """In frame numbers, one or several; None for lobes, and for tracks of one frame."""
+
+ALBEDO_NODES = 129
+"""Of n.v, from 0 to 1, at which the layer's albedo is integrated; it takes longer than all the rest
+of a ball. Between them it is within 5e-4 above n.v = 0.06 (tests/arrays/test_arrays_light.py)."""
 
 
 def radiance(light: Light, directions: Any, time: Time = None) -> Tensor:
@@ -136,11 +143,31 @@ def _balls(lobes: Lobes, roughness: Sequence[float | None], size: int) -> Tensor
         if one is None:
             shown = _irradiance(lobes, normals) / math.pi
         else:
-            shown = ggx_lobes.radiance(lobes, normals, towards, one, white)
+            layered = layer(torch.as_tensor(one, dtype=normals.dtype, device=normals.device))
+            albedo = _albedo(normals[:, 2], one)
+            made = sheets(lobes)
+            unit = ggx_lobes.reflected(made, normals, towards, layered, white, albedo)
+            shown = torch.einsum("mpc,mc->pc", unit, amplitudes(lobes))
         empty = normals.new_zeros(size * size, 3)
         whole = empty.index_copy(0, pixels, shown * share[:, None])
         pictures.append(whole.reshape(size, size, 3))
     return torch.stack(pictures)
+
+
+def _albedo(cos_view: Tensor, roughness: float) -> Tensor:
+    """Return `ggx.albedo_parts` at n.v, between `ALBEDO_NODES` of it.  [P] -> [P, 2]."""
+    table = _albedo_table(roughness).to(cos_view)
+    place = cos_view.clamp(0, 1) * (ALBEDO_NODES - 1)
+    before = place.floor().long().clamp(max=ALBEDO_NODES - 2)
+    return torch.lerp(table[before], table[before + 1], (place - before)[:, None])
+
+
+@functools.cache
+@torch.inference_mode(False)
+def _albedo_table(roughness: float) -> Tensor:
+    """Return `ggx.albedo_parts` at even n.v.  [ALBEDO_NODES, 2]."""
+    cos_view = torch.linspace(0, 1, ALBEDO_NODES, dtype=torch.float64).clamp(min=COS_VIEW_MIN)
+    return ggx.albedo_parts(cos_view, roughness**2)
 
 
 def _at_points(

@@ -11,8 +11,10 @@ from lobe_samples import FORMS
 from usd_tracks import moving
 
 import asglight
+from asglight.arrays.light import _albedo
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, asg, motion
+from asglight.shading import ggx
 from asglight.shading.balls import coverage, render_balls
 from asglight.sphere import latlong
 
@@ -112,6 +114,13 @@ def test_balls_are_those_of_brute_force() -> None:
     middle = found[3, size // 2 - 1 : size // 2 + 1, size // 2 - 1 : size // 2 + 1].mean((0, 1))
     facing = asglight.irradiance(SHOT, [0.0, 0.0, 1.0], 1002.5)
     np.testing.assert_allclose(middle, facing / math.pi, rtol=5e-3)  # of the four middle pixels
+
+
+@pytest.mark.parametrize("roughness", [0.05, 0.5, 1.0])
+def test_the_albedo_between_its_nodes_is_that_of_the_quadrature(roughness: float) -> None:
+    cos_view = torch.linspace(0.06, 1, 50, dtype=torch.float64)
+    wanted = ggx.albedo_parts(cos_view, roughness**2)
+    assert float((_albedo(cos_view, roughness) - wanted).abs().max()) < 5e-4
 
 
 def test_lobes_themselves_need_no_time() -> None:
