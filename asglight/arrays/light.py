@@ -211,12 +211,13 @@ def _times(tracks: LobeTracks, time: Time) -> list[float]:
     Raises:
         InputError: Which one is not said, there is none, or one is not finite.
     """
-    whole = f"{tracks.frames[0]} to {tracks.frames[-1]}"
+    first, last = tracks.frames[0], tracks.frames[-1]
+    whole = f"{first} to {last}"
     if time is None:
-        if len(tracks.frames) > 1:
+        if first != last:
             raise InputError(f"time: none; expected one, in the frame numbers {whole}.")
-        return [float(tracks.frames[0])]
-    times = [float(time)] if isinstance(time, int | float) else [float(one) for one in time]
+        return [float(first)]
+    times = [float(one) for one in (time if isinstance(time, Sequence) else [time])]
     if not times or not all(map(math.isfinite, times)):
         raise InputError(f"time: {time}; expected numbers, such as frames {whole}.")
     return times
