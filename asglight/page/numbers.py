@@ -48,7 +48,7 @@ class Numbers:
     """A shot as the page's script reads it.
 
     Attributes:
-        sheets: Of every frame: 11 numbers of `OF_SHEET`, 3 of light, 8 of `OF_GGX_SHEET`.  [F, M, 22]
+        sheets: Of every frame: 11 of `OF_SHEET`, 3 of light, 8 of `OF_GGX_SHEET`.  [F, M, 22]
         layers: Of every frame and ball with a layer: 1 + 8 numbers.  [F, B, M, 9]
         lobes: Of the map: axes, sharpness and amplitude, none narrower than a texel.  [F, N, 14]
         outlines: Where lit lobes are on the map: of each curve its lobe, its count of points, and
