@@ -17,7 +17,7 @@ from given import maps_given
 from shots_turned import Shot, measured
 from torch import Tensor
 
-from asglight.fitting import measures
+from asglight.fitting.loss import measures
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.judging.following import follow
 from asglight.sphere import latlong

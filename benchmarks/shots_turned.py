@@ -22,9 +22,9 @@ import torch
 from given import add_sequence, frames_given
 from torch import Tensor
 
-from asglight.fitting import lobe_images, measures
+from asglight.fitting.loss import lobe_images, measures
+from asglight.fitting.loss.probes import probe, split
 from asglight.fitting.options import LOBES, FitOptions, Preset
-from asglight.fitting.probes import probe, split
 from asglight.judging.following import follow, matched, refined
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack

@@ -12,8 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from asglight.fitting import paper
 from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.paper import fit as paper
 from asglight.judging import methods
 from asglight.judging.bench_plan import Plan
 from asglight.judging.clock import Point, timed

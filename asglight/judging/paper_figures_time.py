@@ -12,8 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from asglight.fitting import paper
 from asglight.fitting.options import FitOptions
+from asglight.fitting.paper import fit as paper
 from asglight.judging.clock import Clock
 from asglight.judging.compare import Follow
 from asglight.judging.display import exposure_stops, luminance

@@ -6,7 +6,7 @@ import math
 import pytest
 import torch
 
-from asglight.fitting.following import onward
+from asglight.fitting.following.next_frame import onward
 from asglight.lobes import Lobes
 from asglight.lobes.frames import axes_around
 

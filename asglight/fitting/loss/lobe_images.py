@@ -23,11 +23,12 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
-from asglight.fitting import compiled, flat_terms
-from asglight.fitting.coordinates import BROAD
-from asglight.fitting.footprints import Footprint, as_seen, exponents
-from asglight.fitting.grid import Grid
-from asglight.fitting.leaves import Leaves
+from asglight.fitting import compiled
+from asglight.fitting.loss import flat_terms
+from asglight.fitting.loss.coordinates import BROAD
+from asglight.fitting.loss.footprints import Footprint, as_seen, exponents
+from asglight.fitting.loss.grid import Grid
+from asglight.fitting.loss.leaves import Leaves
 from asglight.lobes import Form, Lobes, flat
 from asglight.lobes import data as lobe_data
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from asglight.fitting import constants
-from asglight.fitting.coordinates import BROAD, is_round
+from asglight.fitting.loss import constants
+from asglight.fitting.loss.coordinates import BROAD, is_round
 from asglight.lobes import Form, Lobes, flat
 
 

@@ -7,11 +7,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from asglight.fitting import compiled, leaves, newton, objective
-from asglight.fitting.lobe_images import Images
-from asglight.fitting.non_negative import non_negative_least_squares
-from asglight.fitting.objective import Corners
-from asglight.fitting.probes import probe, tables
+from asglight.fitting import compiled
+from asglight.fitting.loss import leaves, objective
+from asglight.fitting.loss.lobe_images import Images
+from asglight.fitting.loss.objective import Corners
+from asglight.fitting.loss.probes import probe, tables
+from asglight.fitting.steps import newton
+from asglight.fitting.steps.non_negative import non_negative_least_squares
 
 CORNERS = Corners(0.1, 0.002)
 """phi's corners of a fit's last solution: what it can mend of what balls show."""

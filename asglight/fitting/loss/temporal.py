@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting.coordinates import BROAD, concentration
+from asglight.fitting.loss.coordinates import BROAD, concentration
 from asglight.lobes import Lobes, asg
 
 GAMMA = 0.003

@@ -16,9 +16,10 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import leaves, light, lobe_images, newton, objective
-from asglight.fitting.objective import Target
-from asglight.fitting.probes import probe, shares, split
+from asglight.fitting.loss import leaves, lobe_images, objective
+from asglight.fitting.loss.objective import Target
+from asglight.fitting.loss.probes import probe, shares, split
+from asglight.fitting.steps import light, newton
 from asglight.lobes import Lobes
 
 ERRORS = ("env", "irr", "irrMax", "r0.5", "r0.25")

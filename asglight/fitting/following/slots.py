@@ -10,8 +10,8 @@ two frames is free: in the first of them it ends its old path, in the second it 
 import torch
 from torch import Tensor
 
-from asglight.fitting import temporal
-from asglight.fitting.first_frame import dark_lobes
+from asglight.fitting.first_frame.fit import dark_lobes
+from asglight.fitting.loss import temporal
 from asglight.fitting.options import TRACKS_PER_LOBE
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import joined

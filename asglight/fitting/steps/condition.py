@@ -22,8 +22,9 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import lobe_images, newton, objective
-from asglight.fitting.coordinates import UNKNOWNS
+from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.loss.coordinates import UNKNOWNS
+from asglight.fitting.steps import newton
 from asglight.lobes import Lobes, asg, texels
 
 ROWS = 64

@@ -30,7 +30,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from asglight.fitting.paper_losses import Loss, frame_loss, target
+from asglight.fitting.paper.losses import Loss, frame_loss, target
 from asglight.lobes import Form, Lobes
 from asglight.lobes.frames import axes_around, axes_from_quaternion, quaternion_from_axes
 from asglight.sphere import latlong

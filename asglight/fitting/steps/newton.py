@@ -22,16 +22,18 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from asglight.fitting import compiled, lobe_images, neighbours, objective, temporal
-from asglight.fitting.captured import Replays
+from asglight.fitting import compiled
 from asglight.fitting.compiled import layout
-from asglight.fitting.coordinates import UNKNOWNS, advance
-from asglight.fitting.footprints import Footprint, footprint
-from asglight.fitting.grid import Grid, cell_sums, coarser, grid
-from asglight.fitting.leaves import Leaves
-from asglight.fitting.lobe_images import COLUMNS, Images
-from asglight.fitting.objective import Misfit, Sizes
-from asglight.fitting.probes import CURVATURE_ROWS, probe, tables
+from asglight.fitting.loss import lobe_images, objective, temporal
+from asglight.fitting.loss.coordinates import UNKNOWNS, advance
+from asglight.fitting.loss.footprints import Footprint, footprint
+from asglight.fitting.loss.grid import Grid, cell_sums, coarser, grid
+from asglight.fitting.loss.leaves import Leaves
+from asglight.fitting.loss.lobe_images import COLUMNS, Images
+from asglight.fitting.loss.objective import Misfit, Sizes
+from asglight.fitting.loss.probes import CURVATURE_ROWS, probe, tables
+from asglight.fitting.steps import neighbours
+from asglight.fitting.steps.captured import Replays
 from asglight.lobes import Lobes, asg
 
 OnStep = Callable[[Lobes], None]

@@ -17,9 +17,9 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from asglight.fitting import splatting
 from asglight.fitting.compiled import layout
-from asglight.fitting.grid import Grid, cell_sums, coarsen, coarser, grid, repeated
+from asglight.fitting.loss import splatting
+from asglight.fitting.loss.grid import Grid, cell_sums, coarsen, coarser, grid, repeated
 
 BASE_ROWS = 64
 """Rows of the coarse grid: a cell of 2.8 degrees, half the width of what GGX 0.25 shows of a

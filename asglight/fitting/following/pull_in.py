@@ -14,9 +14,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import lobe_images, objective
-from asglight.fitting.lobe_images import Images
-from asglight.fitting.seeding import sharpness_from_variance
+from asglight.fitting.first_frame.seeding import sharpness_from_variance
+from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.loss.lobe_images import Images
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import parallel_transport
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from asglight.fitting import lobe_images, newton, objective
+from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.steps import newton
 from asglight.lobes import Lobes
 
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from asglight.fitting import leaves, lobe_images
-from asglight.fitting.grid import coarsen, coarser
-from asglight.fitting.leaves import Leaves
-from asglight.fitting.probes import Probe, probe, shares, split
+from asglight.fitting.loss import leaves, lobe_images
+from asglight.fitting.loss.grid import coarsen, coarser
+from asglight.fitting.loss.leaves import Leaves
+from asglight.fitting.loss.probes import Probe, probe, shares, split
 from asglight.lobes import Lobes
 from asglight.shading import kernels
 

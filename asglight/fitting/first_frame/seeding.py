@@ -23,7 +23,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from asglight.fitting import constants
+from asglight.fitting.loss import constants
 from asglight.lobes import Form, Lobes, asg, flat
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong

@@ -15,10 +15,11 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from asglight.fitting import light, lobe_images, newton, objective, temporal
-from asglight.fitting.first_frame import Exposed, narrowest, with_flux_of
-from asglight.fitting.following import DAMPING_START
-from asglight.fitting.objective import Corners
+from asglight.fitting.first_frame.fit import Exposed, narrowest, with_flux_of
+from asglight.fitting.following.next_frame import DAMPING_START
+from asglight.fitting.loss import lobe_images, objective, temporal
+from asglight.fitting.loss.objective import Corners
+from asglight.fitting.steps import light, newton
 from asglight.lobes import Lobes
 from asglight.lobes.data import chosen
 from asglight.threads import side_by_side

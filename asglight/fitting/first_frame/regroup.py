@@ -22,8 +22,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from asglight.fitting import lobe_images, neighbours, newton, objective
-from asglight.fitting.coordinates import BROAD, UNKNOWNS, advance
+from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.loss.coordinates import BROAD, UNKNOWNS, advance
+from asglight.fitting.steps import neighbours, newton
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import orthonormal

@@ -15,10 +15,12 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import lobe_images, newton, objective, regroup, temporal
-from asglight.fitting.leaves import to_cells
-from asglight.fitting.probes import PROBES, directions, probe, split
-from asglight.fitting.trials import Effort, compete
+from asglight.fitting.first_frame import regroup
+from asglight.fitting.following.trials import Effort, compete
+from asglight.fitting.loss import lobe_images, objective, temporal
+from asglight.fitting.loss.leaves import to_cells
+from asglight.fitting.loss.probes import PROBES, directions, probe, split
+from asglight.fitting.steps import newton
 from asglight.lobes import Lobes
 from asglight.lobes.data import joined, stack
 from asglight.lobes.frames import axes_around

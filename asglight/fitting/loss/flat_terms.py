@@ -13,9 +13,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from asglight.fitting import constants
-from asglight.fitting.coordinates import BROAD
-from asglight.fitting.footprints import turn_speed
+from asglight.fitting.loss import constants
+from asglight.fitting.loss.coordinates import BROAD
+from asglight.fitting.loss.footprints import turn_speed
 from asglight.lobes import Lobes, flat
 
 

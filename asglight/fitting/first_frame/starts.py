@@ -12,7 +12,9 @@ from functools import partial
 
 from torch import Tensor
 
-from asglight.fitting import balance, light, newton, objective
+from asglight.fitting.first_frame import balance
+from asglight.fitting.loss import objective
+from asglight.fitting.steps import light, newton
 from asglight.lobes import Lobes
 from asglight.threads import side_by_side
 

@@ -13,9 +13,9 @@ import math
 import torch
 from torch import Tensor
 
-from asglight.fitting.coordinates import UNKNOWNS
-from asglight.fitting.lobe_images import Images
-from asglight.fitting.temporal import Prior
+from asglight.fitting.loss.coordinates import UNKNOWNS
+from asglight.fitting.loss.lobe_images import Images
+from asglight.fitting.loss.temporal import Prior
 from asglight.lobes import Lobes
 
 

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import light, lobe_images, newton, objective, slots, temporal
-from asglight.fitting.first_frame import (
+from asglight.fitting.first_frame.fit import (
     FrameFit,
     Level,
     exposed,
@@ -21,11 +20,14 @@ from asglight.fitting.first_frame import (
     narrowest,
     with_flux_of,
 )
-from asglight.fitting.objective import Corners
+from asglight.fitting.following import slots
+from asglight.fitting.following.pull_in import pulled_in, re_detected, responsibilities
+from asglight.fitting.following.relocation import Relocation, relocated
+from asglight.fitting.following.trials import Effort
+from asglight.fitting.loss import lobe_images, objective, temporal
+from asglight.fitting.loss.objective import Corners
 from asglight.fitting.options import TRACKS_PER_LOBE
-from asglight.fitting.pull_in import pulled_in, re_detected, responsibilities
-from asglight.fitting.relocation import Relocation, relocated
-from asglight.fitting.trials import Effort
+from asglight.fitting.steps import light, newton
 from asglight.lobes import Lobes, asg
 from asglight.lobes.frames import align, parallel_transport
 from asglight.lobes.near import nearest

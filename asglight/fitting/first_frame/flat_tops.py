@@ -9,8 +9,9 @@ and only where J ends lower are they kept (docs/fitting.md has the numbers).
 
 from dataclasses import replace
 
-from asglight.fitting import light, lobe_images, newton, objective
-from asglight.fitting.objective import Corners
+from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.loss.objective import Corners
+from asglight.fitting.steps import light, newton
 from asglight.lobes import Lobes, flat
 
 GAIN = 0.03

@@ -22,11 +22,12 @@ from functools import cached_property, lru_cache
 import torch
 from torch import Tensor
 
-from asglight.fitting import compiled, leaves
+from asglight.fitting import compiled
 from asglight.fitting.compiled import layout
-from asglight.fitting.grid import coarsen, coarser
-from asglight.fitting.leaves import Leaves
-from asglight.fitting.probes import PROBES, of_views, probe, pull, shares, split, tables
+from asglight.fitting.loss import leaves
+from asglight.fitting.loss.grid import coarsen, coarser
+from asglight.fitting.loss.leaves import Leaves
+from asglight.fitting.loss.probes import PROBES, of_views, probe, pull, shares, split, tables
 from asglight.shading import kernels
 
 ENV_WEIGHT = 0.07

@@ -8,19 +8,12 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from asglight.fitting import (
-    balance,
-    flat_tops,
-    leaves,
-    light,
-    newton,
-    objective,
-    seeding,
-    starts,
-)
-from asglight.fitting.grid import grid
-from asglight.fitting.objective import Corners
-from asglight.fitting.regroup import regroup
+from asglight.fitting.first_frame import balance, flat_tops, seeding, starts
+from asglight.fitting.first_frame.regroup import regroup
+from asglight.fitting.loss import leaves, objective
+from asglight.fitting.loss.grid import grid
+from asglight.fitting.loss.objective import Corners
+from asglight.fitting.steps import light, newton
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from asglight.fitting import compiled
 from asglight.fitting.compiled import layout
-from asglight.fitting.grid import coarser
+from asglight.fitting.loss.grid import coarser
 from asglight.shading import kernels
 from asglight.sphere import latlong
 
