@@ -16,15 +16,16 @@ ALLOWED = {
     "shading": {"sphere", "lobes"},
     "fitting": {"sphere", "lobes", "shading"},
     "images": {"sphere"},
+    "keys": {"sphere", "lobes", "shading"},
     "usd": {"sphere", "lobes", "images"},
     "peers": {"sphere", "lobes"},
     "sky": {"sphere", "images"},
-    "judging": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers"},
-    "shots": {"sphere", "lobes", "fitting", "images", "usd"},
+    "judging": {"sphere", "lobes", "shading", "fitting", "images", "keys", "usd", "peers"},
+    "shots": {"sphere", "lobes", "fitting", "images", "keys", "usd"},
     "export": {"lobes", "shading", "images"},
     "viewer": {"sphere", "lobes", "shading", "usd", "images"},
     "cli": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers", "judging", "sky"}
-    | {"shots", "export", "viewer"},
+    | {"shots", "export", "viewer", "keys"},
 }
 """Every room may also import asglight.errors, asglight.shader_files, asglight.threads,
 asglight.c_library, and asglight itself (for its version)."""
