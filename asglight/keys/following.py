@@ -95,10 +95,14 @@ class Track:
         """Return where the lamp is in a later frame if it turns on as it did.  [3]."""
         places = sorted(self.seen)[-2:]
         now = self.seen[places[-1]].direction
-        if len(places) < 2 or frame - places[-1] > 1:
+        if len(places) < 2:
             return now
         before = self.seen[places[0]].direction
-        return 2 * (before @ now) * now - before  # as far again on the same great circle
+        turn = np.arccos(np.clip(before @ now, -1, 1)) / (places[1] - places[0])
+        onward = now * (before @ now) - before  # along the great circle, away from where it was
+        length = float(np.linalg.norm(onward))
+        angle = turn * (frame - places[1])
+        return now if length == 0 else np.cos(angle) * now + np.sin(angle) * onward / length
 
     def at(self, frame: int) -> tuple[Array, Places | None, float]:
         """Return where the lamp is in a frame of its life.

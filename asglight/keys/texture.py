@@ -22,6 +22,10 @@ PER_TEXEL = 8
 SIDE = (16, 512)
 """Least and most texels of a side."""
 
+NARROWEST = 0.1
+"""Width of the map's texels over their height, beside a pole, below which the image follows no
+more: at 84 degrees."""
+
 POINTS = 3
 """Points in a texel of the image, each way, that its mean is taken over."""
 
@@ -33,10 +37,13 @@ def size(card: Card, height: int) -> tuple[int, int]:
         card: The card.
         height: Rows of the map.
     """
-    texel = math.pi / height
-    wide, high = (
+    p, q = card.extent
+    reach = math.atan(math.hypot(p, q))
+    latitude = min(abs(math.asin(max(-1.0, min(1.0, card.axes[2][1])))) + reach, math.pi / 2)
+    texel = math.pi / height * max(math.cos(latitude), NARROWEST)
+    high, wide = (
         int(min(max(math.ceil(PER_TEXEL * 2 * math.atan(e) / texel), SIDE[0]), SIDE[1]))
-        for e in card.extent
+        for e in (q, p)
     )
     return high, wide
 
