@@ -12,16 +12,13 @@ from asglight.errors import InputError
 from asglight.export import SgLayout
 from asglight.images.message import shown
 from asglight.lobes import Form, Lobes, LobeTracks
-from asglight.usd.options import Representation
+from asglight.usd.options import OF_LOBES, Representation
 
 EXAMPLE = (
     "asglight export shot.usda --to glsl --frame 1001 -o environment.glsl\n"
     "         asglight export shot.usda --to physg --frame 1001 -o lights.npy\n"
     "         asglight export shot.usda --to dome"
 )
-
-_MADE_OF_LOBES = tuple(one for one in Representation if one is not Representation.KEYS)
-"""Keys are made of images, by `asglight keys`."""
 
 _OTHER_FILES = (".usd", ".usda", ".usdc", ".usdz", ".exr", ".hdr", ".f32")
 """Suffixes of what is surely meant to be kept: stages, images, blocks of frames."""
@@ -36,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "physg, nerd: the .npy array of spherical Gaussians that the program reads, [N, 7] of one "
         "frame, [F, N, 7] of several; cards, distant, dome: the stage with this representation too"
     )
-    kinds = ("json", "glsl", *map(str, SgLayout), *map(str, _MADE_OF_LOBES))
+    kinds = ("json", "glsl", *map(str, SgLayout), *map(str, OF_LOBES))
     add("--to", required=True, choices=kinds, help=formats)
     target = "file to write; of a representation a stage (default: STAGE itself)"
     add("-o", "--output", type=Path, metavar="FILE", help=target)

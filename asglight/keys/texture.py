@@ -16,8 +16,12 @@ from torch import Tensor
 from asglight.keys.cards import Card
 from asglight.sphere import latlong
 
-PER_TEXEL = 8
-"""Texels of the image for one of the map, each way: an edge of the lamp is off by a sixteenth."""
+PER_TEXEL = (8, 32)
+"""Texels of the image for one of the map, each way, at least and at most: edges of texels are off
+by a sixteenth of one, and those of a sun, all of which is edges, by a quarter of that."""
+
+USUAL = 256
+"""Texels of a side between these."""
 
 SIDE = (16, 512)
 """Least and most texels of a side."""
@@ -41,11 +45,15 @@ def size(card: Card, height: int) -> tuple[int, int]:
     reach = math.atan(math.hypot(p, q))
     latitude = min(abs(math.asin(max(-1.0, min(1.0, card.axes[2][1])))) + reach, math.pi / 2)
     texel = math.pi / height * max(math.cos(latitude), NARROWEST)
-    high, wide = (
-        int(min(max(math.ceil(PER_TEXEL * 2 * math.atan(e) / texel), SIDE[0]), SIDE[1]))
-        for e in (q, p)
-    )
+    high, wide = (_side(2 * math.atan(e) / texel) for e in (q, p))
     return high, wide
+
+
+def _side(texels: float) -> int:
+    """Return the texels of a side that is so many of the map's."""
+    low, high = PER_TEXEL
+    count = texels * min(max(USUAL / texels, low), high)
+    return int(min(max(math.ceil(count), SIDE[0]), SIDE[1]))
 
 
 def rectified(card: Card, shape: tuple[int, int], light: Tensor, first_row: int) -> Tensor:

@@ -271,7 +271,7 @@ class _Target:
         write_exr(
             path,
             values,
-            half=not latlong or _half_holds(values),
+            half=_half_holds(values) if latlong else _half_means(values),
             chromaticities=ocio.chromaticities(self.space.colorspace) if latlong else None,
             latlong=latlong,
         )
@@ -292,6 +292,14 @@ def _half_holds(radiance: Tensor) -> bool:
     flux = (radiance.double() * solid).sum((0, 1))
     rounded = (radiance.half().double() * solid).sum((0, 1))
     return bool(((rounded - flux).abs() <= HALF_FLUX_ERROR * flux).all())
+
+
+def _half_means(image: Tensor) -> bool:
+    """Tell whether half floats keep the mean of every channel of a texture."""
+    if float(image.max()) > HALF_MAX:
+        return False
+    mean, rounded = (one.double().mean((0, 1)) for one in (image, image.half()))
+    return bool(((rounded - mean).abs() <= HALF_FLUX_ERROR * mean).all())
 
 
 def _small(radiance: Tensor) -> Tensor:

@@ -47,6 +47,10 @@ class Representation(StrEnum):
     """A light for each lamp of the images, and a dome with the images without these lamps."""
 
 
+OF_LOBES = tuple(one for one in Representation if one is not Representation.KEYS)
+"""Those that show the lobes; `keys` is made of images, by `asglight keys`."""
+
+
 class KeyLights(StrEnum):
     """What a key shines as."""
 

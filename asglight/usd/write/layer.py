@@ -43,6 +43,10 @@ colour, change a card's flux by 4e-4, a fifth of what the shape of the best card
 where a track bends so little that its samples are left out."""
 
 
+KEY_TOLERANCE = 1e-5
+"""Relative, likewise of a key: with the rest it is to have the flux of the images to 1e-4."""
+
+
 class Images(NamedTuple):
     """The images of a stage, by paths relative to it.
 
@@ -293,6 +297,7 @@ def _author_light(
     type_name: str,
     light: Light,
     times: NDArray[np.float64],
+    tolerance: float = LIGHT_TOLERANCE,
 ) -> None:
     if light.name:
         prim, ops = Sdf.PrimSpec(lobe, light.name, Sdf.SpecifierDef, type_name), light.ops
@@ -303,7 +308,7 @@ def _author_light(
         constant(prim, attribute, value)
     constant(prim, schema.OP_ORDER, list(ops))
     for attribute, tensor in light.tracks.items():
-        author.track(prim, attribute, tensor, LIGHT_TOLERANCE, times)
+        author.track(prim, attribute, tensor, tolerance, times)
 
 
 def _author_keys(
@@ -327,7 +332,7 @@ def _author_keys(
         for name, (own, times), images in zip(keys.names, lights, keys.textures, strict=True):
             prim = _child(scope, name)
             for light in own:
-                _author_light(author, prim, kind, light, times)
+                _author_light(author, prim, kind, light, times, KEY_TOLERANCE)
             if images:
                 author_textures(author, prim, relative_names(images))
     _author_dome(author, holder, schema.REST, relative_names(keys.rest), space)
