@@ -206,7 +206,7 @@ def flux_error(stage: Usd.Stage, frame: int, reference: Tensor) -> float:
     found = _flux(image)
     for light in lights(stage, frame):
         distance = np.linalg.norm(np.linalg.inv(light.to_local)[3, :3])
-        p, q = light.half[0] / distance, light.half[1] / distance
+        p, q = (float(half / distance) for half in light.half)
         found += light.radiance * _solid_angle(p, q) * _mean(light.image, p, q)
     truth = _flux(reference)
     return float(np.abs(found / truth - 1)[truth > 0].max())

@@ -26,7 +26,7 @@ from asglight.errors import InputError
 COMMANDS = {
     "fit": "fit lobes to an image or sequence and write them as USD lights",
     "stitch": "join stages of parts of a shot that were fitted apart",
-    "keys": "give a stage a light for each lamp, and the images without these lamps",
+    "keys": "cut lamps out of images as lights of a stage, and keep the rest",
     "eval": "measure the error of a stage against the images it was fitted to",
     "info": "show what a stage holds, or what is read of images",
     "export": "write lobes for engines (JSON, GLSL) or PhySG and NeRD",
