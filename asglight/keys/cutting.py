@@ -5,10 +5,11 @@ Symbols: H, W rows and columns; K lamps; P texels of a list.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import linalg
 
-from asglight.keys.spots import Array, Grid, Mask
+from asglight.keys.spots import Array, Grid, Mask, labelled
 
 GROW_TEXELS, GROW = 2.5, 0.1
 """How far a matte is whole beyond its lamp: texels, over which interpolation smears an edge, or a
@@ -38,10 +39,15 @@ def matte(mask: Mask, grid: Grid) -> Array:
     return found
 
 
+RIM_MOST = 4.0
+"""Of the median of a hole's rim: a lamp beside the hole, which nobody cuts, does not light it."""
+
+
 def filled(radiance: Array, holes: Mask, grid: Grid) -> Array:
     """Fill holes as a membrane that is fixed at their rims: Laplace's equation on the sphere.
 
     A membrane has no value outside those of its rim, so nothing is negative and nothing shines.
+    What of the rim is far brighter than its median counts as `RIM_MOST` times that.
 
     Args:
         radiance: The map.  [H, W, 3]
@@ -72,7 +78,7 @@ def filled(radiance: Array, holes: Mask, grid: Grid) -> Array:
     whole = sum(weight for _, weight in links)
     entries = [(own, own, whole)]
     known = np.zeros((len(place), radiance.shape[-1]))
-    flat = radiance.reshape(holes.size, -1)
+    flat = _dimmed(radiance, holes).reshape(holes.size, -1)
     for neighbour, weight in links:
         inner = number[neighbour] >= 0
         entries.append((own[inner], number[neighbour[inner]], -weight[inner]))
@@ -81,3 +87,25 @@ def filled(radiance: Array, holes: Mask, grid: Grid) -> Array:
     matrix = sparse.csc_array((values, (rows, columns)), shape=(len(place), len(place)))
     found.reshape(holes.size, -1)[place] = np.maximum(linalg.splu(matrix).solve(known), 0)
     return found
+
+
+def _dimmed(radiance: Array, holes: Mask) -> Array:
+    """Return a map whose texels around each hole are at most so far above their median."""
+    found = radiance.copy()
+    luminance = radiance.mean(-1)
+    labels, count = labelled(holes)
+    around = _neighbours(labels)
+    for label in range(1, count + 1):
+        rim = (around == label).any(0) & ~holes
+        if rim.any():
+            most = RIM_MOST * float(np.median(luminance[rim]))
+            bright = rim & (luminance > most)
+            found[bright] *= (most / luminance[bright])[:, None]
+    return found
+
+
+def _neighbours(labels: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Return the labels of the texels above, below, and to both sides.  [4, H, W]."""
+    above = np.concatenate([labels[:1], labels[:-1]])
+    below = np.concatenate([labels[1:], labels[-1:]])
+    return np.stack([above, below, np.roll(labels, 1, axis=1), np.roll(labels, -1, axis=1)])

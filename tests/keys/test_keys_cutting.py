@@ -146,3 +146,15 @@ def test_what_a_key_takes_is_what_the_rest_lacks() -> None:
     rest = radiance.clone()
     rest[rows] -= light
     torch.testing.assert_close(parts(cut, radiance).rest, rest.clamp(min=0))
+
+
+def test_a_lamp_beside_a_hole_does_not_light_it() -> None:
+    grid = Grid.of(64, 128)
+    radiance = np.ones((64, 128, 3))
+    holes = np.zeros((64, 128), dtype=bool)
+    holes[30:34, 60:66] = True
+    radiance[30:34, 66] = 1000.0
+    filled = cutting.filled(radiance, holes, grid)
+    assert filled[holes].max() <= cutting.RIM_MOST
+    np.testing.assert_allclose(filled[30:34, 60], 1, rtol=0.2)
+    np.testing.assert_array_equal(filled[~holes], radiance[~holes])
