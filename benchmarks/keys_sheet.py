@@ -33,8 +33,8 @@ from asglight.lobes import texels
 MAP, BALL, GAP, LEFT, TOP = (660, 330), 136, 12, 28, 116
 """Pixels."""
 
-SIZE = 420
-"""Pixels that balls are computed in: a mirror shows texels of a degree."""
+SIZE = 204
+"""Pixels that balls are computed in."""
 
 POINTS = 60
 """Of a side of a card: on a latlong it is no straight line."""
@@ -91,7 +91,7 @@ def draw(source: Path, target: Path, *, textured: bool) -> None:
             step=(BALL + GAP // 2, BALL),
         )
         row.write(left, TOP + MAP[1] + 44, title, 12, TEXT, "left")
-        row.write(left, row.top + BALL + 44, text, 12, FAINT, "left")
+        row.write(left, row.top + BALL + 44, text, 11, FAINT, "left")
         for column, (ball, name) in enumerate(zip(own, SPHERES, strict=True)):
             show(row.axes(0, column), cut_out(ball, ball_stops))
             row.write(
@@ -106,7 +106,7 @@ def draw(source: Path, target: Path, *, textured: bool) -> None:
 
 
 def _numbers(errors: dict[str, float]) -> str:
-    return "   ".join(f"{one} {100 * errors[one]:.2g} %" for one in SHOWN)
+    return "  ".join(f"{one} {100 * errors[one]:.2g} %" for one in SHOWN)
 
 
 def outline(axes: Axes, card: Card, index: int) -> None:
