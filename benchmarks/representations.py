@@ -30,6 +30,7 @@ from asglight.lobes import Form, LobeTracks
 from asglight.lobes.data import stack
 from asglight.shading import ggx
 from asglight.usd import Representation, read_usd, write_usd
+from asglight.usd.options import OF_LOBES
 
 ROUGHNESS = (0.5, 0.25)
 POINTS = 100
@@ -102,7 +103,7 @@ def of_maps(maps: Path, form: Form, folder: Path) -> Iterator[Case]:
 def written(tracks: LobeTracks, folder: Path, stem: str) -> dict[str, Way]:
     """Write the stages that hold the representations of some tracks."""
     plain, options = folder / f"{stem}.usda", folder / f"{stem}-options.usda"
-    every = tuple(Representation)
+    every = OF_LOBES
     write_usd(tracks, plain, representations=every)
     write_usd(tracks, options, representations=every, distant_lights=3, card_texture=True)
     return {
@@ -120,7 +121,7 @@ def of_stages(stages: Sequence[Path]) -> Iterator[Case]:
     for path in stages:
         frames = read_usd(path).frames
         for frame in sorted({frames[0], frames[len(frames) // 2], frames[-1]}):
-            held = {str(shown): Way(path, shown) for shown in Representation}
+            held = {str(shown): Way(path, shown) for shown in OF_LOBES}
             yield Case(f"{path.stem} {frame}", held, float(frame), None)
 
 

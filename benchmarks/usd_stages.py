@@ -18,7 +18,8 @@ from asglight.fitting.options import FitOptions, Preset
 from asglight.images import write_exr
 from asglight.lobes import Form
 from asglight.shots import fit_shot
-from asglight.usd import Representation, StageOptions, lint_stage, write_edit_layer, write_usd
+from asglight.usd import StageOptions, lint_stage, write_edit_layer, write_usd
+from asglight.usd.options import OF_LOBES
 from asglight.usd.read.read_options import read_options
 from asglight.usd.read.tracks import read_usd
 from asglight.usd.stage import held_representations, show
@@ -41,7 +42,7 @@ def main() -> None:
     for preset in Preset:
         fitted(folder, preset)
     for form in Form:
-        for representation in Representation:
+        for representation in OF_LOBES:
             path = folder / f"{form}-{representation}.usda"
             alone = (str(representation),)
             write_usd(moving(FRAMES, form=form), path, representations=alone, dome_height=8)

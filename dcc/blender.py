@@ -14,6 +14,7 @@ from torch import Tensor
 from asglight.images import read_latlong
 from asglight.usd import Representation
 from asglight.usd.lights import distant
+from asglight.usd.options import OF_LOBES
 from dcc import images, lobe_light, quadrature, renderers, rows, scene, stages, usdlux
 from dcc.quadrature import Light
 from dcc.rows import Array, FacingRow, Row
@@ -140,7 +141,7 @@ def _jobs(task: Task, shot: Shot, frame: int, image: Path) -> Iterator[dict[str,
     stage = stages.original(image, folder / f"{shot.name}-{frame}.usda")
     yield job(stage.resolve(), rows_of(image), "Y", ORIGINAL)
     for axis, exported in shot.stages.items():
-        for representation in Representation:
+        for representation in OF_LOBES:
             target = stage_of(task, shot, frame, axis, representation)
             stage = stages.at_frame(exported, frame, representation, target).resolve()
             made = job(stage, _dome_rows(exported), axis, representation)
@@ -164,7 +165,7 @@ def _dome_rows(stage: Path) -> int:
 
 def _ball_rows(task: Task, shot: Shot, frame: int, image: Path) -> Iterator[Row]:
     radiance = read_latlong(image).radiance
-    kinds = [(axis, kind) for axis in shot.stages for kind in Representation]
+    kinds = [(axis, kind) for axis in shot.stages for kind in OF_LOBES]
     lights = [quadrature.broad(quadrature.at_rows(radiance)), images.as_read(radiance)]
     lights.append(lobe_light.light_of(shot.lobes(frame)))
     for axis, kind in kinds:

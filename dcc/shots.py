@@ -14,7 +14,8 @@ from asglight.images import open_sequence, read_latlong, write_exr
 from asglight.lobes import Lobes, LobeTracks
 from asglight.shots import fit_shot
 from asglight.sky import SkyConfig, radiance
-from asglight.usd import Representation, StageOptions, read_usd, write_usd
+from asglight.usd import StageOptions, read_usd, write_usd
+from asglight.usd.options import OF_LOBES
 
 SEQUENCES = ("day", "tunnel", "handheld")
 
@@ -89,7 +90,7 @@ def rows_of(image: Path) -> int:
 def _shot(name: str, folder: Path, count: int, output: Path) -> Shot:
     sequence = open_sequence(folder)
     stage = output / f"{name}-Y.usda"
-    every = tuple(map(str, Representation))
+    every = tuple(map(str, OF_LOBES))
     options = StageOptions(representations=every)
     fit_shot(folder, stage, FitOptions(preset=Preset.LIVE), stage=options, resume=True)
     tracks = read_usd(stage)

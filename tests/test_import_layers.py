@@ -16,17 +16,18 @@ ALLOWED = {
     "shading": {"sphere", "lobes"},
     "fitting": {"sphere", "lobes", "shading"},
     "images": {"sphere"},
+    "keys": {"sphere", "lobes", "shading"},
     "usd": {"sphere", "lobes", "images"},
     "peers": {"sphere", "lobes"},
     "sky": {"sphere", "images"},
-    "judging": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers"},
-    "shots": {"sphere", "lobes", "fitting", "images", "usd"},
+    "judging": {"sphere", "lobes", "shading", "fitting", "images", "keys", "usd", "peers"},
+    "shots": {"sphere", "lobes", "fitting", "images", "keys", "usd"},
     "arrays": {"sphere", "lobes", "shading", "fitting", "images", "judging", "shots"},
     "export": {"lobes", "shading", "images"},
     "viewer": {"sphere", "lobes", "shading", "usd", "images"},
     "page": {"sphere", "lobes", "shading", "images", "judging", "viewer"},
     "cli": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers", "judging", "sky"}
-    | {"shots", "arrays", "export", "viewer", "page"},
+    | {"shots", "arrays", "export", "viewer", "page", "keys"},
 }
 """Every room may also import asglight.errors, asglight.shader_files, asglight.threads,
 asglight.c_library, and asglight itself (for its version)."""

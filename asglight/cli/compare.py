@@ -13,7 +13,7 @@ from rich.text import Text
 from asglight.cli.folders import made_folder
 from asglight.cli.inputs import lit, open_input
 from asglight.cli.parser import add_input_options, add_json_option
-from asglight.cli.printing import print_json
+from asglight.cli.printing import print_json, size
 from asglight.cli.progress import reporter
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
@@ -26,7 +26,7 @@ from asglight.judging.compare import (
     compare,
     row_title,
 )
-from asglight.judging.methods import METHODS
+from asglight.judging.methods import COMPARED
 from asglight.judging.metrics import METRIC_NAMES
 from asglight.judging.spheres import SPHERES
 
@@ -34,10 +34,12 @@ EXAMPLE = "asglight compare sky.exr -o compare-output --methods fast,em,sh"
 
 EXPLANATION = """\
 Methods: {methods}.
-Columns: floats used; processor seconds of the fit; errors as of `asglight eval`; PSNR of three
-balls (mirror, silver, diffuse) as a screen shows them, in dB; FLIP: their HDR-FLIP, 0 to 1, where
+Columns: floats used; their bytes, or those of an image's files; processor seconds of the fit;
+errors as of `asglight eval`; PSNR of three balls (mirror, silver, diffuse) as a screen shows them,
+in dB; FLIP: their HDR-FLIP, 0 to 1, where
 asglight[report] is installed. The second table is the three-sphere protocol of papers that
 estimate light from photographs. docs/compare.md says how each method was read.
+keys and keys-texture keep an image and to no budget: the map without its lamps, and a few lights.
 paper and physg take a part of their published steps, which the table names; --full takes all:
 half an hour and hours."""
 
@@ -55,7 +57,7 @@ tone mapping makes an error of millions."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `compare`."""
-    explanation = EXPLANATION.format(methods=", ".join(METHODS))
+    explanation = EXPLANATION.format(methods=", ".join(COMPARED))
     parser.description = f"{parser.description}\n\n{explanation}"
     add = parser.add_argument
     add("input", metavar="INPUT", help="image file, folder or pattern; by default its first frame")
@@ -106,14 +108,14 @@ def chosen(names: str | None) -> tuple[str, ...]:
         InputError: There is no such method.
     """
     if names is None:
-        return tuple(METHODS)
+        return tuple(COMPARED)
     wanted = [name.strip() for name in names.split(",")]
-    unknown = [name for name in wanted if name not in METHODS]
+    unknown = [name for name in wanted if name not in COMPARED]
     if unknown:
         raise InputError(
-            f"methods: {unknown[0]!r}; expected some of {', '.join(METHODS)}, with commas between."
+            f"methods: {unknown[0]!r}; expected some of {', '.join(COMPARED)}, with commas between."
         )
-    return tuple(name for name in METHODS if name in wanted)
+    return tuple(name for name in COMPARED if name in wanted)
 
 
 def checked(floats: int) -> int:
@@ -146,7 +148,7 @@ def print_tables(comparison: Comparison, name: str, picture: str) -> None:
 
 def errors_table(results: Sequence[Result], name: str) -> Table:
     """Return the first table; the best of each column is bold."""
-    heads = ["floats", "CPU s", *METRIC_NAMES, "PSNR", "FLIP"]
+    heads = ["floats", "bytes", "CPU s", *METRIC_NAMES, "PSNR", "FLIP"]
     columns: list[list[float | None]] = [
         [result.errors[metric] for result in results] for metric in METRIC_NAMES
     ]
@@ -154,6 +156,7 @@ def errors_table(results: Sequence[Result], name: str) -> Table:
     cells.append(_column([result.psnr for result in results], "{:.1f}", lowest=False))
     cells.append(_column([result.flip for result in results], "{:.4f}", lowest=True))
     cells.insert(0, [f"{result.seconds:.1f}" for result in results])
+    cells.insert(0, [size(result.bytes) for result in results])
     cells.insert(0, [str(result.floats) for result in results])
     return _table(name, results, heads, cells)
 
@@ -198,11 +201,12 @@ def _table(
 
 def as_json(result: Result) -> dict[str, Any]:
     """Return a result as JSON values."""
-    method = METHODS[result.name]
+    method = COMPARED[result.name]
     return {
         "name": result.name,
         "title": method.title,
         "floats": result.floats,
+        "bytes": result.bytes,
         "cpu_seconds": result.seconds,
         "steps": result.steps,
         "published_steps": method.steps,

@@ -5,7 +5,6 @@ from typing import Any
 
 from asglight.cli.printing import counted
 
-
 NAMED = 3
 """Sets that are printed. A shot of lamps that pass has a dozen; `--json` has all of them."""
 

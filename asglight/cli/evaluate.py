@@ -96,19 +96,34 @@ def reference_for(frames: tuple[int, ...], arguments: argparse.Namespace) -> Seq
         height=FIT_HEIGHT,
         reading=read_options(arguments),
     )
+    check_frames(sequence, frames, arguments.reference, arguments.stage)
+    return sequence
+
+
+def check_frames(sequence: Sequence, frames: tuple[int, ...], reference: str, stage: str) -> None:
+    """Refuse a reference that lacks a frame of a stage; the truth is never made up.
+
+    Args:
+        sequence: The reference.
+        frames: Of the stage.
+        reference: What the reference is called.
+        stage: What the stage is called.
+
+    Raises:
+        InputError: A frame is not there, or out of the reference's range.
+    """
     absent = [frame for frame in frames if frame not in sequence.source.files]
     if absent:
         raise InputError(
-            f"{shown(arguments.reference)}: lacks {ranges(absent)} of {shown(arguments.stage)}; "
+            f"{shown(reference)}: lacks {ranges(absent)} of {shown(stage)}; "
             f"expected an image for each frame ({ranges(frames)}). Is it the sequence that was "
             "fitted? Choose frames with --frames."
         )
     if not set(frames) <= set(sequence.frames):
         raise InputError(
-            f"{shown(arguments.reference)}: its range is {ranges(sequence.frames)}; expected "
+            f"{shown(reference)}: its range is {ranges(sequence.frames)}; expected "
             f"{ranges(frames)}. Leave the range out or choose frames with --frames."
         )
-    return sequence
 
 
 def judge(

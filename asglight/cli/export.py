@@ -16,7 +16,7 @@ from asglight.errors import InputError
 from asglight.export import SgLayout
 from asglight.images.message import shown
 from asglight.lobes import Form, Lobes, LobeTracks
-from asglight.usd.options import Representation
+from asglight.usd.options import OF_LOBES, Representation
 
 if TYPE_CHECKING:
     from asglight.images import Sequence
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "physg, nerd: the .npy array of spherical Gaussians that the program reads, [N, 7] of one "
         "frame, [F, N, 7] of several; cards, distant, dome: the stage with this representation too"
     )
-    kinds = ("json", "glsl", HTML, *map(str, SgLayout), *map(str, Representation))
+    kinds = ("json", "glsl", HTML, *map(str, SgLayout), *map(str, OF_LOBES))
     add("--to", required=True, choices=kinds, help=formats)
     target = "file to write; of a representation a stage (default: STAGE itself)"
     add("-o", "--output", type=Path, metavar="FILE", help=target)

@@ -6,6 +6,7 @@ from typing import Any, get_args
 
 from asglight.cli import farm
 from asglight.cli.condition import condition_lines
+from asglight.cli.key_options import add_key_options, key_lines, key_options, with_keys
 from asglight.cli.leaving_out import left_out_lines
 from asglight.cli.parser import (
     add_follow_option,
@@ -83,6 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     farm.add_arguments(parser)
     add_json_option(parser)
     add_stage_options(parser)
+    add_key_options(parser, usual=None)
     names = "stage of an earlier fit whose lights keep their names (default: the one written over)"
     add("--names-from", metavar="STAGE", help=names)
     add_follow_option(parser)
@@ -91,7 +93,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write, and say what was written."""
     options = options_from(arguments)
+    keys = key_options(arguments)
     if arguments.scheduler is not None:
+        if keys is not None:
+            raise InputError(
+                "keys: with a scheduler, whose parts have none; expected one of the two. "
+                "Cut them afterwards with asglight keys."
+            )
         return farm.run(arguments, options)
     source = farm.one_input(arguments)
     with reporter() as report:
@@ -103,7 +111,10 @@ def run(arguments: argparse.Namespace) -> int:
             fps=arguments.fps,
             missing=arguments.missing,
             reading=read_options(arguments),
-            stage=StageOptions(**given_stage_options(arguments)),
+            stage=StageOptions(
+                **with_keys(given_stage_options(arguments), keys, StageOptions.representations)
+            ),
+            keys=keys,
             names_from=arguments.names_from,
             resume=arguments.resume,
             on_progress=report,
@@ -174,6 +185,7 @@ def as_document(result: ShotResult, output: str) -> dict[str, Any]:
         "ill_conditioned": metadata["ill_conditioned"],
         "repairs": repairs_of(list(result.records)),
         "image": metadata["image"],
+        **({"keys": result.keys} if result.keys is not None else {}),
         "frames": frames,
     }
 
@@ -192,6 +204,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
     ]
     if document["resumed"]:
         lines.append(f"resumed: {counted(document['resumed'], 'frame')} from an earlier run")
+    lines += key_lines(document.get("keys"))
     lines += left_out_lines({**document, "lobes": document["fitted_lobes"]})
     lines += condition_lines(document["ill_conditioned"])
     lines += [image_line(document["image"]), repair_line(document["repairs"])]

@@ -10,6 +10,7 @@ from typing import Any
 import torch
 
 from asglight.cli.condition import condition_lines
+from asglight.cli.key_options import key_lines
 from asglight.cli.leaving_out import left_out_lines
 from asglight.cli.parser import (
     add_follow_option,
@@ -140,6 +141,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
             f"imported: {metadata['layout']} array, from {metadata.get('source', 'unknown')}, "
             f"asglight {metadata.get('asglight', 'unknown')}"
         )
+    lines += key_lines(metadata.get("keys"))
     lines += [f"edited: {change}" for change in document["changes"]]
     lines += [f"not read: {found}" for found in document["unread"]]
     lines += left_out_lines(metadata)

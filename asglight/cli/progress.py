@@ -13,6 +13,7 @@ from asglight.shots.events import (
     Event,
     Farmed,
     FrameDone,
+    Keyed,
     Notice,
     Prerolled,
     Refined,
@@ -87,6 +88,8 @@ class Lines:
                 self._print(search_line(event))
             case Refined():
                 self._print(f"refined {event.done}/{event.frames}")
+            case Keyed() if time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
+                self._print(f"{event.label} {event.done}/{event.frames}")
             case Prerolled() if time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
                 self._print(f"preroll {event.done}/{event.frames}")
             case StepDone() if time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
@@ -95,7 +98,7 @@ class Lines:
                 self._print(f"{part} finished  {farm_numbers(event)}")
             case Farmed() if time.monotonic() - self._last_line >= STEP_LINE_SECONDS:
                 self._print(farm_numbers(event))
-            case Started() | Farmed() | Prerolled() | StepDone():
+            case Started() | Farmed() | Keyed() | Prerolled() | StepDone():
                 pass
 
     def follow(self, items: Iterable[_Item], label: str, count: int) -> Iterator[_Item]:
@@ -120,6 +123,7 @@ class Bar:
         self._fit: TaskID | None = None
         self._refine: TaskID | None = None
         self._preroll: TaskID | None = None
+        self._keys: dict[str, TaskID] = {}
         self._followed: list[TaskID] = []
 
     def __call__(self, event: Event) -> None:
@@ -137,6 +141,13 @@ class Bar:
             if self._fit is None:
                 self._fit = self._progress.add_task("fitting", total=event.frames, numbers="")
             self._progress.update(self._fit, completed=event.done, numbers=farm_numbers(event))
+            return
+        if isinstance(event, Keyed):
+            if event.label not in self._keys:
+                self._keys[event.label] = self._progress.add_task(
+                    event.label, total=event.frames, numbers=""
+                )
+            self._progress.update(self._keys[event.label], completed=event.done)
             return
         assert self._fit is not None, "an event before the start"
         if isinstance(event, Refined):

@@ -14,7 +14,8 @@ import torch
 from torch import Tensor
 
 from asglight.judging import methods, perceptual, spheres
-from asglight.judging.methods import METHODS, Task
+from asglight.judging.keyed import Keyed
+from asglight.judging.methods import COMPARED, Task
 from asglight.judging.metrics import map_errors
 from asglight.judging.spheres import SPHERES, SphereErrors
 from asglight.peers.approximation import LOBE_FLOATS, Approximation
@@ -44,13 +45,13 @@ class Plan:
     """What is compared.
 
     Attributes:
-        names: Methods, keys of `METHODS`.
+        names: Methods, keys of `COMPARED`.
         floats: Budget of each.
         full: Whether methods of many steps take all that their sources take.
         quick: Whether they take few, and balls are small.
     """
 
-    names: tuple[str, ...] = tuple(METHODS)
+    names: tuple[str, ...] = tuple(COMPARED)
     floats: int = FLOATS
     full: bool = False
     quick: bool = False
@@ -61,8 +62,8 @@ class Result:
     """One method on one map.
 
     Attributes:
-        name: Key of `METHODS`.
-        floats: Numbers that it used, at most the budget.
+        name: Key of `COMPARED`.
+        floats: Numbers that it used: at most the budget, or those of an image.
         seconds: Processor seconds of the fit, one thread.
         steps: Gradient steps that it took; 0 where it counts none.
         errors: As of `metrics.map_errors`.
@@ -71,6 +72,7 @@ class Result:
         spheres: Errors of the three-sphere protocol by sphere.
         radiance: The method's map.  [H, W, 3]
         balls: The three balls under it.  [3, S, S, 3]
+        bytes: Of its numbers, or of the files of an image.
     """
 
     name: str
@@ -83,6 +85,7 @@ class Result:
     spheres: dict[str, SphereErrors]
     radiance: Tensor = field(repr=False)
     balls: Tensor = field(repr=False)
+    bytes: int = 0
 
 
 @dataclass(frozen=True)
@@ -136,14 +139,14 @@ def compare(reference: Tensor, plan: Plan, follow: Follow) -> Comparison:
 
 def row_title(result: Result) -> str:
     """Return the method of a result, with the part of its steps that it took."""
-    method = METHODS[result.name]
+    method = COMPARED[result.name]
     if result.steps == method.steps:
         return method.title
     return f"{method.title}, {result.steps:,} of {method.steps:,} steps"
 
 
 def _fit(name: str, reference: Tensor, plan: Plan, follow: Follow) -> _Fit:
-    method = METHODS[name]
+    method = COMPARED[name]
     steps = methods.steps_of(method, full=plan.full, quick=plan.quick)
     count = max(steps, 1)
     passed = follow(range(count), f"fitting {name}", count)
@@ -180,4 +183,10 @@ def _judged(
         },
         radiance=fit.radiance,
         balls=linear,
+        bytes=size_of(fit.approximation),
     )
+
+
+def size_of(found: Approximation) -> int:
+    """Return the bytes of a method's numbers, four each; of an image, those of its files."""
+    return found.bytes if isinstance(found, Keyed) else 4 * found.floats

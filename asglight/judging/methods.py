@@ -9,6 +9,7 @@ from torch import Tensor
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.paper import fit as paper
 from asglight.fitting.sequence import fit_frame
+from asglight.judging import keyed
 from asglight.lobes import Form
 from asglight.peers import (
     adam_sg,
@@ -144,3 +145,14 @@ METHODS: dict[str, Method] = {
     ),
 }
 """By the name that --methods takes, in the order of the table."""
+
+KEYED: dict[str, Method] = {
+    "keys": Method("asglight, keys", lambda task: keyed.cut(task.reference, textured=False)),
+    "keys-texture": Method(
+        "asglight, keys + texture", lambda task: keyed.cut(task.reference, textured=True)
+    ),
+}
+"""Those that keep an image, and to no budget: keys and the rest."""
+
+COMPARED = METHODS | KEYED
+"""All that `asglight compare` knows."""

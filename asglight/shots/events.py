@@ -112,6 +112,21 @@ class Refined:
 
 
 @dataclass(frozen=True)
+class Keyed:
+    """One more frame was searched for lamps, or cut into keys and rest.
+
+    Attributes:
+        label: Which of these.
+        done: Frames so far.
+        frames: Frames of the shot.
+    """
+
+    label: str
+    done: int
+    frames: int
+
+
+@dataclass(frozen=True)
 class Farmed:
     """One more frame of any part was fitted somewhere, or a part is finished.
 
@@ -135,7 +150,7 @@ class Notice:
     text: str
 
 
-Event = Started | Prerolled | Searched | StepDone | FrameDone | Refined | Farmed | Notice
+Event = Started | Prerolled | Searched | StepDone | FrameDone | Refined | Keyed | Farmed | Notice
 OnProgress = Callable[[Event], None]
 
 

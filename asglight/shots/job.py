@@ -9,7 +9,7 @@ fit in memory.
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT, FORM_NAMES, FitOptions, Preset, form_of
@@ -37,10 +37,11 @@ from asglight.shots.settings import (
 )
 from asglight.shots.tracks import tracks_from
 from asglight.threads import one_thread
-from asglight.usd.options import StageOptions, check_stage_options
+from asglight.usd.options import KeyOptions, StageOptions, check_key_options, check_stage_options
 
 if TYPE_CHECKING:
     from asglight.usd import WriteReport
+    from asglight.usd.write.keys import KeySource
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class ShotResult:
         resumed: How many frames came from an earlier run.
         written: What was written.
         representations: What the lobes were written as.
+        keys: What is told of its keys, as JSON values; None where there are none.
     """
 
     tracks: LobeTracks
@@ -60,6 +62,7 @@ class ShotResult:
     resumed: int
     written: "WriteReport"
     representations: tuple[str, ...]
+    keys: dict[str, Any] | None = None
 
 
 def fit_shot(
@@ -72,6 +75,7 @@ def fit_shot(
     missing: Missing = "error",
     reading: ReadOptions = ReadOptions(),  # noqa: B008  frozen as well
     stage: StageOptions = StageOptions(),  # noqa: B008  frozen as well
+    keys: KeyOptions | None = None,
     names_from: str | Path | None = None,
     resume: bool = False,
     on_progress: OnProgress = ignore,
@@ -93,6 +97,7 @@ def fit_shot(
         missing: `error`, or what stands in for a missing or damaged frame: `hold` or `interpolate`.
         reading: How the images are read.
         stage: How the stage is written.
+        keys: How keys are found, of a stage that shows them; None for none.
         names_from: A stage of an earlier fit, whose names its lights keep; None for the one that
             is written anew, if there is one.
         resume: Go on from the checkpoint, if there is one.
@@ -107,6 +112,8 @@ def fit_shot(
     check_fps(fps)
     check_output(output)
     check_stage_options(stage)
+    if keys is not None:
+        check_key_options(keys)
     earlier = _named_stage(output, names_from)
     sequence = open_sequence(
         source,
@@ -116,6 +123,7 @@ def fit_shot(
         reading=reading,
     )
     check_preroll(options, sequence.frames[0])
+    keying = keys and _keying(source, frames, missing, reading, keys)
     options = options.settled(len(sequence.frames))
     for warning in warning_lines(read_as(sequence.model)):
         on_progress(Notice(f"{shown(sequence.pattern)}: {warning}"))
@@ -138,10 +146,12 @@ def fit_shot(
         with one_thread():  # numbers so small that threads of torch would wait for each other
             tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
             tracks = with_condition(_named(tracks, earlier(), on_progress))
-            written = write_stage(tracks, output, stage)
+            written = write_stage(tracks, output, stage, keying and keying(on_progress))
         images.remove()
         checkpoint.remove()
-    return ShotResult(tracks, tuple(shot.records), shot.resumed, written, stage.representations)
+    return ShotResult(
+        tracks, tuple(shot.records), shot.resumed, written, stage.representations, written.keys
+    )
 
 
 def fit_sequence(
@@ -216,11 +226,37 @@ def fit_sequence(
     return with_condition(tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy))
 
 
-def write_stage(tracks: LobeTracks, output: str | Path, options: StageOptions) -> "WriteReport":
+def write_stage(
+    tracks: LobeTracks,
+    output: str | Path,
+    options: StageOptions,
+    keys: "KeySource | None" = None,
+) -> "WriteReport":
     """Write tracks with options; loads pxr, which nothing else of a fit needs."""
     from asglight.usd import write_usd
 
-    return write_usd(tracks, output, **vars(options))
+    return write_usd(tracks, output, **vars(options), keys=keys)
+
+
+def _keying(
+    source: str | Path,
+    frames: str | None,
+    missing: Missing,
+    reading: ReadOptions,
+    options: KeyOptions,
+) -> "Callable[[OnProgress], KeySource]":
+    """Return what makes the source of keys when the lobes are there; it loads what they need."""
+
+    def made(on_progress: OnProgress) -> "KeySource":
+        from asglight.shots.keying import Keying, following_events
+
+        height = options.rest_height
+        sequence = open_sequence(
+            source, frames=frames, missing=missing, height=height, reading=reading
+        )
+        return Keying(sequence, options, following_events(on_progress))
+
+    return made
 
 
 def _named_stage(

@@ -43,6 +43,45 @@ class Representation(StrEnum):
     """One distant light a lobe, of its irradiance and second moment; for real-time engines."""
     DOME = "dome"
     """One dome light with an image of all lobes; exact to the texel."""
+    KEYS = "keys"
+    """A light for each lamp of the images, and a dome with the images without these lamps."""
+
+
+OF_LOBES = tuple(one for one in Representation if one is not Representation.KEYS)
+"""Those that show the lobes; `keys` is made of images, by `asglight keys`."""
+
+
+class KeyLights(StrEnum):
+    """What a key shines as."""
+
+    RECT = "rect"
+    """A RectLight: its lamp's rectangle."""
+    DISTANT = "distant"
+    """A DistantLight; for real-time engines."""
+
+
+REST_ROWS_MIN = 16
+"""Fewer show no picture, and no lamp."""
+
+REST_ROWS_MAX = 2048
+"""Rows of the rest's images where nothing else is asked for: 4k, or the images' own if fewer."""
+
+
+@dataclass(frozen=True)
+class KeyOptions:
+    """How keys are found and written.
+
+    Attributes:
+        count: How many at most; None for as few as carry most of the lamps' light.
+        lights: What each shines as.
+        texture: Whether a RectLight carries the pixels of its lamp.
+        rest_height: Rows of the rest's images at most.
+    """
+
+    count: int | None = None
+    lights: KeyLights = KeyLights.RECT
+    texture: bool = False
+    rest_height: int = REST_ROWS_MAX
 
 
 @dataclass(frozen=True)
@@ -51,7 +90,7 @@ class StageOptions:
 
     Attributes:
         representations: What the stage holds, the one that it opens with first: `cards`, `distant`,
-            `dome`. One alone is plain prims; several are the variants of a set.
+            `dome`, `keys`. One alone is plain prims; several are the variants of a set.
         distance: Of the cards from the origin, in stage units; None for 1,000 m.
         dome_height: Rows of the dome's images; there are twice as many columns.
         meters_per_unit: Length of a stage unit.
@@ -106,6 +145,24 @@ def check_stage_name(path: Path) -> None:
         raise InputError(
             f"{shown(path)}: has {_ARGUMENTS} in its name, which USD takes for arguments; expected "
             "another name."
+        )
+
+
+def check_key_options(options: KeyOptions) -> None:
+    """Refuse options that no keys can be found with.
+
+    Raises:
+        InputError: One is out of range, or two do not go together.
+    """
+    if options.count is not None and options.count < 1:
+        raise InputError(f"keys: {options.count}; expected auto or a number above 0.")
+    if options.rest_height < REST_ROWS_MIN:
+        raise InputError(
+            f"rest height: {options.rest_height}; expected {REST_ROWS_MIN} rows or more."
+        )
+    if options.texture and options.lights is KeyLights.DISTANT:
+        raise InputError(
+            "keys texture: given with distant lights, which have none; expected --keys-as rect."
         )
 
 

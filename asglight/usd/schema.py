@@ -8,9 +8,11 @@
                             Xform with three of them if it is softer, a mere Xform if it is broad;
                             a RectLight with a texture where one was asked for
         distant             DistantLight, or an Xform with three of them
-        dome                Xform: data only
+        dome, keys          Xform: data only
     /AsgRig/Fill            DomeLight of the broad lobes, in cards only
     /AsgRig/Dome            DomeLight of all lobes, in dome only
+    /AsgRig/Keys/key_NN     a lamp, in keys only: RectLight or DistantLight, and that as a lobe
+    /AsgRig/Rest            DomeLight of the images without these lamps, in keys only
 
 A stage of one representation has no variants: its lights are said where the lobes are, and the
 custom data names it.
@@ -23,7 +25,7 @@ from pathlib import Path
 
 from pxr import Sdf
 
-from asglight.usd.options import Representation
+from asglight.usd.options import KeyLights, Representation
 
 SCHEMA_FOLDER = Path(__file__).resolve().parent / "resources"
 """The codeless schema; USD finds it when PXR_PLUGINPATH_NAME names this folder."""
@@ -33,6 +35,7 @@ FORMAT_VERSION = 1
 
 LOBE_API, COLORSPACE_API = "AsgLobeAPI", "ColorSpaceAPI"
 RIG, LOBES, DOME, FILL = "AsgRig", "Lobes", "Dome", "Fill"
+KEYS, REST = "Keys", "Rest"
 SIDES = ("front", "back")
 VARIANT_SET = "representation"
 
@@ -90,4 +93,8 @@ LIGHT_TYPES = {
     Representation.CARDS: "RectLight",
     Representation.DISTANT: "DistantLight",
     Representation.DOME: "DomeLight",
+    Representation.KEYS: "DomeLight",
 }
+"""Of the lights of lobes; in `keys`, whose lobes are data, that of the rest."""
+
+KEY_TYPES = {KeyLights.RECT: "RectLight", KeyLights.DISTANT: "DistantLight"}

@@ -190,6 +190,8 @@ def shown_representation(rig: Usd.Prim) -> Representation | None:
     written = rig_data(rig).get(schema.REPRESENTATION)
     if written in set(Representation):
         return Representation(written)
+    if child_of(rig, schema.REST):
+        return Representation.KEYS
     if child_of(rig, schema.DOME):
         return Representation.DOME
     kinds = {str(prim.GetTypeName()) for prim in prims_below(rig)}
@@ -239,9 +241,10 @@ def has_lobe_api(prim: Usd.Prim) -> bool:
     return schema.LOBE_API in applied.GetAppliedItems()
 
 
-def lobe_prims(rig: Usd.Prim) -> list[Usd.Prim]:
-    """Return the active lobes of a rig in their order."""
-    return [prim for prim in child_of(rig, schema.LOBES).GetChildren() if has_lobe_api(prim)]
+def lobe_prims(rig: Usd.Prim, scope: str = schema.LOBES) -> list[Usd.Prim]:
+    """Return the active lobes of a rig in their order, or its keys."""
+    holder = child_of(rig, scope)
+    return [prim for prim in holder.GetChildren() if has_lobe_api(prim)] if holder else []
 
 
 def image_height(resolved: str) -> int:

@@ -16,6 +16,7 @@ from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
 from asglight.usd import Representation
 from asglight.usd.lights import distant
+from asglight.usd.options import OF_LOBES
 from dcc import images, lobe_light, quadrature, scene, stages, usdlux
 from dcc.quadrature import Light
 
@@ -133,7 +134,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("representation", Representation)
+@pytest.mark.parametrize("representation", OF_LOBES)
 def test_a_layer_shows_one_frame_at_time_0(
     exported: Path, tmp_path: Path, representation: Representation
 ) -> None:

@@ -12,7 +12,8 @@ from pxr import Sdf
 from scipy.spatial.transform import Rotation
 
 from asglight.lobes import Form, Lobes, LobeTracks
-from asglight.usd import Representation, WriteReport, write_usd
+from asglight.usd import WriteReport, write_usd
+from asglight.usd.options import OF_LOBES
 
 SHAPES = ((5.0, 2.0), (20.0, 5.0), (50.0, 2.0), (200.0, 20.0))
 METADATA = {
@@ -136,5 +137,5 @@ def write_every(
     tracks: LobeTracks, path: Path | str, representation: str = "cards", **options: Any
 ) -> WriteReport:
     """Write a stage of every representation, which opens with one of them."""
-    others = (one for one in Representation if one != representation)
+    others = (one for one in OF_LOBES if one != representation)
     return write_usd(tracks, path, **{"representations": (representation, *others), **options})

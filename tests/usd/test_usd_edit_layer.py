@@ -19,6 +19,7 @@ from asglight.images import read_latlong
 from asglight.lobes import Form, LobeTracks
 from asglight.usd import Representation, lint_stage, read_usd, write_edit_layer
 from asglight.usd.check import trust
+from asglight.usd.options import OF_LOBES
 
 FRAMES = (1001, 1002, 1005, 1006, 1010)
 ROUNDING = 3e-6
@@ -78,7 +79,7 @@ def assert_shows_what_writing_shows(path: Path, tracks: LobeTracks, height: int 
     """Compare with a stage that is written from the edited tracks, attribute by attribute."""
     direct = path.parent / "direct.usda"
     write_every(tracks, direct, distance=50.0, meters_per_unit=0.01, dome_height=height)
-    for representation in Representation:
+    for representation in OF_LOBES:
         found, wanted = shown(path, representation), shown(direct, representation)
         assert found.keys() == wanted.keys()
         for name, (kind, *values) in wanted.items():

@@ -13,7 +13,8 @@ from usd_tracks import assert_same, moving, still, write_every
 
 from asglight.errors import InputError
 from asglight.lobes import Form, LobeTracks
-from asglight.usd import Representation, lint_stage, read_stage, read_usd
+from asglight.usd import lint_stage, read_stage, read_usd
+from asglight.usd.options import OF_LOBES
 from asglight.usd.write.edit_layer import write_edit_layer
 
 FRAMES = (1001, 1002, 1005)
@@ -64,7 +65,7 @@ def scale_samples(attribute: Usd.Attribute, factor: float | Gf.Vec3f) -> None:
 
 
 @pytest.mark.parametrize("form", Form)
-@pytest.mark.parametrize("representation", Representation)
+@pytest.mark.parametrize("representation", OF_LOBES)
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_a_stage_that_nobody_edited_has_no_changes(form, representation, up_axis, tmp_path):
     path = tmp_path / "shot.usda"

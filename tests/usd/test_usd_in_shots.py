@@ -16,7 +16,8 @@ from usd_tracks import of_every_kind, write_every
 from asglight.cli.main import main
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks, asg
-from asglight.usd import Representation, read_stage, read_usd, write_edit_layer
+from asglight.usd import read_stage, read_usd, write_edit_layer
+from asglight.usd.options import OF_LOBES
 from asglight.usd.read.read_options import read_options
 
 FRAMES = (1001, 1002, 1003, 1004, 1005)
@@ -225,7 +226,7 @@ def test_the_lights_give_what_the_lobes_give(name, folder):
     assert gap(SHOTS[name](folder)) < AS_WRITTEN["cards"] + 0.01
 
 
-@pytest.mark.parametrize("representation", Representation)
+@pytest.mark.parametrize("representation", OF_LOBES)
 @pytest.mark.parametrize("name", ["turned", "mirrored", "z-up, corrected", "z-up, on its side"])
 def test_it_does_so_in_every_representation(name, representation, folder):
     path = SHOTS[name](folder)

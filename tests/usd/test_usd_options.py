@@ -16,12 +16,12 @@ from asglight.errors import InputError
 from asglight.images import read_latlong
 from asglight.lobes import LobeTracks
 from asglight.usd import (
-    Representation,
     StageOptions,
     lint_stage,
     read_usd,
     write_edit_layer,
 )
+from asglight.usd.options import OF_LOBES
 from asglight.usd.read.read_options import read_options
 
 FRAMES = (1001, 1002, 1005)
@@ -44,7 +44,7 @@ def validated(path: Path) -> list[str]:
     stage = Usd.Stage.Open(str(path))
     stage.SetEditTarget(stage.GetSessionLayer())
     rig = stage.GetPrimAtPath(read_options(path).primary_path)
-    for representation in Representation:
+    for representation in OF_LOBES:
         rig.GetVariantSet("representation").SetVariantSelection(str(representation))
         errors = UsdValidation.ValidationContext(validators).Validate(stage)
         found += [error.GetErrorAsString() for error in errors]

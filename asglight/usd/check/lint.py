@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux
 
 from asglight.images.decoding.decode import read_header
@@ -135,15 +136,18 @@ def _representation_findings(rig: Usd.Prim, representation: Representation) -> I
     expected = schema.LIGHT_TYPES[representation]
     fill = child_of(rig, schema.FILL) if representation is Representation.CARDS else Usd.Prim()
     filled = bool(fill) and fill.GetTypeName() == schema.LIGHT_TYPES[Representation.DOME]
+    keys = child_of(rig, schema.KEYS) if representation is Representation.KEYS else Usd.Prim()
     for light in Usd.PrimRange(rig):
         if filled and light == fill:
+            continue
+        if keys and light.GetParent() == keys and light.GetTypeName() in schema.KEY_TYPES.values():
             continue
         if light.HasAPI(UsdLux.LightAPI) and light.GetTypeName() != expected:
             yield (
                 f"{light.GetPath()}: is a {light.GetTypeName()} in {representation}; "
                 f"expected only {expected}"
             )
-    dome = representation is Representation.DOME
+    dome = representation in (Representation.DOME, Representation.KEYS)
     lit = [rig] if dome else [] if filled else child_of(rig, schema.LOBES).GetChildren()
     for prim in lit:
         if not any(light.HasAPI(UsdLux.LightAPI) for light in Usd.PrimRange(prim)):
@@ -169,8 +173,9 @@ def _attribute_findings(attribute: Usd.Attribute) -> Iterator[str]:
         yield f"is {default!r}; expected 'latlong'"
     elif attribute.GetTypeName() == Sdf.ValueTypeNames.Asset:
         yield from _asset_findings(attribute, times)
+        is_key = attribute.GetPrim().GetParent().GetName() == schema.KEYS
         if attribute.GetPrim().GetTypeName() == schema.LIGHT_TYPES[Representation.CARDS]:
-            yield from _texture_findings(attribute, times)
+            yield from _texture_findings(attribute, [] if is_key else times)
     elif schema.VALUE_TYPES.get(name) == attribute.GetTypeName():
         yield from _number_findings(attribute)
 
@@ -205,9 +210,27 @@ def _texture_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[
     if asset is None or not _is_there(asset) or not may_open(stage, asset.resolvedPath):
         return
     with image_file(asset.resolvedPath) as path:
-        mean = float(read_pixels(read_header(path)).mean(dtype=np.float64))
+        mean = _mean_light(attribute.GetPrim(), read_pixels(read_header(path)))
     if abs(mean - 1) > TEXTURE_MEAN:
         yield f"is {asset.path} of mean {mean:.4g}; expected 1, the flux of a card without it"
+
+
+def _mean_light(card: Usd.Prim, image: NDArray[np.float32]) -> float:
+    """Return the mean of a card's texture; of a key's, by the solid angles of its texels.
+
+    Of a wide card those differ; its texture leaves flux as it is from where it was made.
+    """
+    rows = image.mean(-1, dtype=np.float64)
+    if card.GetParent().GetName() != schema.KEYS:
+        return float(rows.mean())
+    distance = card.GetAttribute(schema.TRANSLATE).Get()[2]
+    high, wide = rows.shape
+    y, x = (
+        (2 * (np.arange(count) + 0.5) / count - 1) * card.GetAttribute(name).Get() / 2 / distance
+        for count, name in ((high, schema.HEIGHT), (wide, schema.WIDTH))
+    )
+    weight = (1 + x * x + (y * y)[:, None]) ** -1.5
+    return float((rows * weight).sum() / weight.sum())
 
 
 def _is_there(asset: Sdf.AssetPath) -> bool:

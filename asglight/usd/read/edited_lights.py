@@ -32,6 +32,7 @@ from asglight.lobes import Form, Lobes
 from asglight.usd import schema
 from asglight.usd.digest import has_own_edits
 from asglight.usd.lights.cards import Kind
+from asglight.usd.options import KeyLights
 from asglight.usd.read.held_lights import EDITED, Array, LobeLights, Written, held_lights
 from asglight.usd.read.placement import Placement, turn_words, turned
 from asglight.usd.read.read_options import card_kinds, threefold_lobes
@@ -78,7 +79,7 @@ def with_light_edits(
         if not prim.IsActive()
     ]
     lobes = lobes.to(torch.float64)
-    if representation is not None:
+    if representation not in (None, Representation.KEYS):  # keys are read by themselves
         kinds, threefold = card_kinds(rig), threefold_lobes(rig)
         view = View(rig, times, representation, distance, placement, colorspace, kinds, threefold)
         if view.representation is Representation.DOME:
@@ -95,6 +96,35 @@ def with_light_edits(
     changes += found
     changes += [f"{rig.GetPath()}: {word}" for word in placement.words()]
     return turned(lobes, placement.to_world).to(torch.float32), changes
+
+
+def with_key_edits(
+    rig: Usd.Prim,
+    prims: Sequence[Usd.Prim],
+    lobes: Lobes,
+    times: tuple[int, ...],
+    distance: float,
+    placement: Placement,
+    colorspace: str,
+) -> tuple[Lobes, list[str]]:
+    """Return the lobes that the lights of keys say; arguments and result as `with_light_edits`.
+
+    Args:
+        rig: The prim that holds the keys.
+        prims: Those of the keys, of which there is one at least.
+        lobes: As their own attributes say.  [F, K, .]
+        times: Frame numbers.
+        distance: Of the lights as written.
+        placement: How the rig stands in the stage.
+        colorspace: Color Interop ID of the rig's colours.
+    """
+    is_distant = any(prim.GetTypeName() == schema.KEY_TYPES[KeyLights.DISTANT] for prim in prims)
+    shown = Representation.DISTANT if is_distant else Representation.CARDS
+    kinds, threefold = [Kind.SINGLE] * len(prims), [False] * len(prims)
+    view = View(rig, times, shown, distance, placement, colorspace, kinds, threefold)
+    lobes, changes = _with_lights(view, prims, lobes.to(torch.float64))
+    lobes, found = _with_visibility(prims, lobes, times)
+    return turned(lobes, placement.to_world).to(torch.float32), changes + found
 
 
 def _with_lights(view: View, prims: Sequence[Usd.Prim], lobes: Lobes) -> tuple[Lobes, list[str]]:

@@ -26,11 +26,13 @@ from asglight.usd import schema
 from asglight.usd.digest import author_digest, digest_of_values
 from asglight.usd.lights import cards, distant
 from asglight.usd.lights.light import Light
-from asglight.usd.options import StageOptions
+from asglight.usd.options import KeyLights, StageOptions
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_for, to_stage
 from asglight.usd.write.authoring import TrackAuthor, constant
 from asglight.usd.write.between import Sampled, Shot
+from asglight.usd.write.keys import WrittenKeys
+from asglight.usd.write.staging import relative_names
 
 LOBE_TOLERANCE = 1e-6
 """Relative. A lobe comes back to float32 rounding, about ten units in the last place."""
@@ -39,6 +41,10 @@ LIGHT_TOLERANCE = 1e-4
 """Relative. Lights are derived from lobes: four such errors, in width, height, intensity and
 colour, change a card's flux by 4e-4, a fifth of what the shape of the best cards costs, and only
 where a track bends so little that its samples are left out."""
+
+
+KEY_TOLERANCE = 1e-5
+"""Relative, likewise of a key: with the rest it is to have the flux of the images to 1e-4."""
 
 
 class Images(NamedTuple):
@@ -62,6 +68,7 @@ def build(
     images: Images,
     name: str,
     kinds: Sequence[cards.Kind],
+    keys: WrittenKeys | None = None,
 ) -> tuple[Sdf.Layer, TrackAuthor]:
     """Author the whole stage.
 
@@ -71,6 +78,7 @@ def build(
         images: What the lights show.
         name: Of the layer's file.
         kinds: What each lobe is in the cards.
+        keys: Those of the shot, where the stage shows them.
 
     Returns:
         An anonymous layer, and the author with its sample counts.
@@ -95,6 +103,8 @@ def build(
             elif representation is Representation.DISTANT:
                 threefold = distant.threefold(tracks.lobes, options.distant_lights)
                 lights = distant_lights(shot, threefold)
+            elif representation is Representation.KEYS and keys is not None:
+                _author_keys(author, holder, keys, options, space)
             kind = schema.LIGHT_TYPES[representation]
             _author_lights(author, holder, kind, tracks.names, lights)
             if representation is Representation.CARDS and cards.Kind.FILL in kinds:
@@ -239,7 +249,12 @@ def _custom_data(tracks: LobeTracks, options: StageOptions) -> dict[str, Any]:
 def _author_lobes(
     author: TrackAuthor, rig: Sdf.PrimSpec, names: Sequence[str], lobes: Sequence[Sampled]
 ) -> None:
-    scope = Sdf.PrimSpec(rig, schema.LOBES, Sdf.SpecifierDef, "Scope")
+    _author_in(author, Sdf.PrimSpec(rig, schema.LOBES, Sdf.SpecifierDef, "Scope"), names, lobes)
+
+
+def _author_in(
+    author: TrackAuthor, scope: Sdf.PrimSpec, names: Sequence[str], lobes: Sequence[Sampled]
+) -> None:
     for name, one in zip(names, lobes, strict=True):
         tracks = lobe_tracks(one.lobes)
         lobe = Sdf.PrimSpec(scope, name, Sdf.SpecifierDef)
@@ -282,6 +297,7 @@ def _author_light(
     type_name: str,
     light: Light,
     times: NDArray[np.float64],
+    tolerance: float = LIGHT_TOLERANCE,
 ) -> None:
     if light.name:
         prim, ops = Sdf.PrimSpec(lobe, light.name, Sdf.SpecifierDef, type_name), light.ops
@@ -292,7 +308,34 @@ def _author_light(
         constant(prim, attribute, value)
     constant(prim, schema.OP_ORDER, list(ops))
     for attribute, tensor in light.tracks.items():
-        author.track(prim, attribute, tensor, LIGHT_TOLERANCE, times)
+        author.track(prim, attribute, tensor, tolerance, times)
+
+
+def _author_keys(
+    author: TrackAuthor,
+    holder: Sdf.PrimSpec,
+    keys: WrittenKeys,
+    options: StageOptions,
+    space: Space,
+) -> None:
+    """Author the lights of the keys, and the rest."""
+    scope = Sdf.PrimSpec(holder, schema.KEYS, Sdf.SpecifierDef, "Scope")
+    if keys.lobes is not None:
+        shot = Shot(continuous(to_stage(keys.lobes, space)), author.frames)
+        _author_in(author, scope, keys.names, shot.of_lobes())
+        count = len(keys.names)
+        if keys.lights is KeyLights.DISTANT:
+            lights = distant_lights(shot, [False] * count)
+        else:
+            lights = card_lights(shot, options.card_distance, [cards.Kind.SINGLE] * count)
+        kind = schema.KEY_TYPES[keys.lights]
+        for name, (own, times), images in zip(keys.names, lights, keys.textures, strict=True):
+            prim = _child(scope, name)
+            for light in own:
+                _author_light(author, prim, kind, light, times, KEY_TOLERANCE)
+            if images:
+                author_textures(author, prim, relative_names(images))
+    _author_dome(author, holder, schema.REST, relative_names(keys.rest), space)
 
 
 def _author_dome(

@@ -2,8 +2,12 @@
 """Writing lobe tracks as a USD stage."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+from asglight.errors import InputError
+from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.threads import one_thread
 from asglight.usd.check.lint import lint_stage
@@ -19,6 +23,7 @@ from asglight.usd.spaces import space_for
 from asglight.usd.write import layer, staging
 from asglight.usd.write.authoring import TrackAuthor
 from asglight.usd.write.checks import check_target, check_tracks
+from asglight.usd.write.keys import KeySource, WrittenKeys
 from asglight.usd.write.staging import WriteReport
 
 
@@ -35,6 +40,7 @@ def write_usd(
     colorspace: str = StageOptions.colorspace,
     distant_lights: int = StageOptions.distant_lights,
     card_texture: bool = StageOptions.card_texture,
+    keys: KeySource | None = None,
 ) -> WriteReport:
     """Write tracks as one stage that holds cards, distant lights, a dome, or several as variants.
 
@@ -47,7 +53,7 @@ def write_usd(
         tracks: Lobes of F frames; metadata of JSON values, which come back as JSON gives them.
         path: Target: `.usda` is text, `.usdc` and `.usd` are crates, `.usdz` is a package.
         representations: What the stage holds, the one that it opens with first: `cards`, `distant`,
-            `dome`. One alone needs no variants.
+            `dome`, `keys`. One alone needs no variants.
         distance: Of the cards from the origin, in stage units; None for 1,000 m.
         dome_height: Rows of the dome's images; there are twice as many columns.
         meters_per_unit: Length of a stage unit.
@@ -58,6 +64,7 @@ def write_usd(
             `ACEScg`. The tracks are Rec.709; `read_usd` converts back.
         distant_lights: Of an anisotropic lobe in `distant`: 1, or 3 in a row.
         card_texture: Give cards a Gaussian texture, one for all, where that is better.
+        keys: What finds the keys, for the representation of that name.
 
     Returns:
         Files and sample counts.
@@ -81,21 +88,28 @@ def write_usd(
     check_stage_options(options)
     check_tracks(tracks)
     check_target(path, STAGE_SUFFIXES)
+    if (keys is None) == (Representation.KEYS in options.held):
+        raise InputError(
+            "representations: keys are cut out of the images, which are not given; expected "
+            f"others. Add keys to a stage with asglight keys {shown(path)} --reference IMAGES."
+            if keys is None
+            else "keys: given without their representation; expected keys among them."
+        )
     with one_thread(), staging.staged(path) as place, our_own():
-        beside, author = _write_files(tracks, options, place)
+        beside, author, told = _write_files(tracks, options, place, keys)
         findings = lint_stage(place)
         if findings:
             raise RuntimeError(f"the stage breaks its own contract: {findings}")
-        return staging.move_into_place(place, path, beside, author)
+        return staging.move_into_place(place, path, beside, author, told)
 
 
 def _write_files(
-    tracks: LobeTracks, options: StageOptions, place: Path
-) -> tuple[list[Path], TrackAuthor]:
+    tracks: LobeTracks, options: StageOptions, place: Path, source: KeySource | None
+) -> tuple[list[Path], TrackAuthor, dict[str, Any] | None]:
     """Write the stage at `place`, and its images beside it unless a package holds them.
 
     Returns:
-        The images that go with it, and what authored the stage.
+        The images that go with it, what authored the stage, and what is told of the keys.
     """
     space = space_for(options)
     kinds: list[cards.Kind] = []
@@ -106,13 +120,17 @@ def _write_files(
         kinds = cards.kinds(tracks.lobes, textured=options.card_texture)
     fill = staging.write_fill(tracks, kinds, place, space)
     card = staging.write_card(kinds, place)
-    files = [*of_all, *fill, *card]
+    keys: WrittenKeys | None = None
+    if source is not None:
+        keys = staging.write_keys(source, tracks, place, space)
+        tracks = replace(tracks, metadata={**tracks.metadata, "keys": keys.document})
+    files = [*of_all, *fill, *card, *(keys.files if keys else [])]
     root = staging.root_layer(place)
     names = [staging.relative_names(images) for images in (of_all, fill, card)]
     images = layer.Images(names[0], names[1], "".join(names[2]))
-    built, author = layer.build(tracks, options, images, root.name, kinds)
+    built, author = layer.build(tracks, options, images, root.name, kinds, keys)
     staging.export(built, root)
     if root == place:
-        return files, author
+        return files, author, keys and keys.document
     staging.package(place, [root, *files])
-    return [], author
+    return [], author, keys and keys.document

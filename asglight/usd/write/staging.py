@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from pxr import Sdf, Tf
@@ -24,6 +25,7 @@ from asglight.usd.faults import reason
 from asglight.usd.lights import card_texture, cards, dome
 from asglight.usd.spaces import Space
 from asglight.usd.write.authoring import TrackAuthor
+from asglight.usd.write.keys import KeySource, WrittenKeys
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class WriteReport:
         samples_written: Time samples in the stage.
         samples_between: How many of them lie between frames.
         samples_left_out: Samples at frames that interpolation or a constant default reproduces.
+        keys: What is told of the keys, as JSON values; None where the stage has none.
     """
 
     files: tuple[Path, ...]
@@ -43,6 +46,7 @@ class WriteReport:
     samples_written: int
     samples_between: int
     samples_left_out: int
+    keys: dict[str, Any] | None = None
 
 
 @contextmanager
@@ -142,6 +146,18 @@ def write_card(kinds: Sequence[cards.Kind], place: Path) -> list[Path]:
     return [path]
 
 
+def write_keys(source: KeySource, tracks: LobeTracks, place: Path, space: Space) -> WrittenKeys:
+    """Find the keys of a shot, and write the images of their rest, `<stem>.rest.<frame>.exr`.
+
+    Raises:
+        InputError: An image cannot be read or written.
+    """
+    folder = dome_folder(place)
+    folder.mkdir(exist_ok=True)
+    with _named_as_asked(place):
+        return source.write(tracks, folder, place.stem, space)
+
+
 def relative_names(textures: Sequence[Path]) -> list[str]:
     """Return how a stage refers to its dome's images, wherever the two lie together."""
     return [f"./{texture.parent.name}/{texture.name}" for texture in textures]
@@ -176,7 +192,11 @@ def package(place: Path, files: Sequence[Path]) -> None:
 
 
 def move_into_place(
-    place: Path, path: Path, textures: Sequence[Path], author: TrackAuthor
+    place: Path,
+    path: Path,
+    textures: Sequence[Path],
+    author: TrackAuthor,
+    keys: dict[str, Any] | None = None,
 ) -> WriteReport:
     """Rename the dome's images and then the stage to where they belong.
 
@@ -185,6 +205,7 @@ def move_into_place(
         path: The target.
         textures: Staged images.
         author: What counted the samples.
+        keys: What is told of the keys.
     """
     folder = dome_folder(path)
     if textures:
@@ -195,4 +216,4 @@ def move_into_place(
     os.replace(place, path)
     files = (path, *images)
     size = sum(file.stat().st_size for file in files)
-    return WriteReport(files, size, author.written, author.between, author.left_out)
+    return WriteReport(files, size, author.written, author.between, author.left_out, keys)

@@ -1,0 +1,395 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The card of a lamp: the rectangle that shows its light best.
+
+A card is a rectangle in the plane z = 1 of a frame whose z axis goes through its middle. All of it
+has one radiance. It has the flux of its lamp; its place, turn and size are those with which it
+differs least from the lamp: texel by texel, and as glossy balls see both.
+
+Symbols: P texels around a lamp; S points in each.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+import torch
+from scipy import optimize
+from scipy.spatial import ConvexHull
+
+from asglight.keys.spots import Array, Grid, Places
+from asglight.shading import kernels
+from asglight.sphere.quadrature import fibonacci_directions
+
+POINTS = 20_000
+"""Points that a lamp is looked at in, at most, in squares of `SIDE_MAX` by `SIDE_MAX` a texel."""
+
+SIDE_MAX = 5
+
+FINE = 0.25
+"""Of the half width of a lamp: larger texels would not tell its sides."""
+
+TEXELS = 800
+"""Of a lamp, with which its card is searched, at most: 0.2 of a degree of a lamp of 20."""
+
+APART_WEIGHT = 0.3
+BALLS = (0.25, 0.5)
+"""Roughness of the balls."""
+
+BALL_WEIGHTS = (4.0, 12.0)
+UNSEEN = 1e-3
+"""Of a kernel's peak."""
+
+DIRECTIONS = fibonacci_directions(768, dtype=torch.float64).numpy()
+"""In which balls are looked at, as the errors are judged.  [768, 3]"""
+
+SAMPLED = 0.97
+"""Of a card's solid angle, that the points of a patch find of it at least."""
+
+CENTRE_WEIGHT = 10.0
+HELD_MIN = 1e-3
+"""Of a lamp's brightest texel: fainter ones at its rim do not make a card larger."""
+
+STEADY_WEIGHT = 2e-3
+"""Of the logarithm of a card's size against that of the lamp's moments. A lamp of one texel is
+shown as well by any card within it."""
+
+SCALES = (1.0, 0.7, 0.45, 0.25)
+COLD, WARM = 0.25, 0.1
+BRIGHTEST = 300
+
+EVALUATIONS = 300
+"""Of the search, at most; it ends by itself after 150 to 300."""
+
+
+@dataclass(frozen=True, eq=False)
+class Card:
+    """A rectangle seen from the origin.
+
+    Attributes:
+        axes: Rows x, y, z of its frame; z goes through its middle.  [3, 3]
+        extent: Tangents of its half angles along x and y.  [2]
+    """
+
+    axes: Array
+    extent: Array
+
+    @property
+    def solid_angle(self) -> float:
+        """Return its solid angle in steradians: 4 atan(p q / sqrt(1 + p^2 + q^2))."""
+        p, q = self.extent
+        return float(4 * np.arctan(p * q / np.sqrt(1 + p * p + q * q)))
+
+    def corners(self) -> Array:
+        """Return the directions of its corners, in order around it.  [4, 3]."""
+        p, q = self.extent
+        corners = np.array([[p, q, 1], [-p, q, 1], [-p, -q, 1], [p, -q, 1]]) @ self.axes
+        return corners / np.linalg.norm(corners, axis=-1, keepdims=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """The texels around a lamp, as points.
+
+    Attributes:
+        place: Flat places of the texels in the map.  [P]
+        points: Directions.  [P, S, 3]
+        weight: Solid angle of each point, in steradians.  [P, S]
+        softness: Width over which the edge of a card fades, as a tangent: a point's own.
+        shape: Rows and columns of the map.
+    """
+
+    place: Places
+    points: Array
+    weight: Array
+    softness: float
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(cls, place: Places, grid: Grid) -> "Patch":
+        """Return some texels of a map as points."""
+        height, width = grid.solid_angle.shape
+        side = int(np.clip(np.sqrt(POINTS / max(len(place), 1)), 1, SIDE_MAX))
+        row, column = np.divmod(place, width)
+        inner = (np.arange(side) + 0.5) / side
+        latitude = np.pi / 2 - np.pi * (row[:, None, None] + inner[None, :, None]) / height
+        longitude = np.pi - 2 * np.pi * (column[:, None, None] + inner[None, None, :]) / width
+        latitude, longitude = np.broadcast_arrays(latitude, longitude)
+        points = np.stack(
+            [
+                np.cos(latitude) * np.sin(longitude),
+                np.sin(latitude),
+                np.cos(latitude) * np.cos(longitude),
+            ],
+            axis=-1,
+        ).reshape(len(place), -1, 3)
+        share = np.cos(latitude).reshape(len(place), -1)
+        share = share / share.sum(-1, keepdims=True)
+        weight = share * grid.solid_angle.ravel()[place][:, None]
+        return cls(place, points, weight, grid.texel / side, (height, width))
+
+    @cached_property
+    def centres(self) -> Array:
+        """Return the directions of the texels' middles.  [P, 3]."""
+        centre = (self.points * self.weight[..., None]).sum(1)
+        return centre / np.linalg.norm(centre, axis=-1, keepdims=True)
+
+    def covered(self, card: Card) -> Array:
+        """Return the solid angle of each texel that a card covers.  [P]."""
+        local = self.points @ card.axes.T
+        z = np.maximum(local[..., 2], 1e-6)  # behind the origin nothing is covered
+        sides = [
+            np.clip((card.extent[k] - np.abs(local[..., k]) / z) / self.softness + 0.5, 0, 1)
+            for k in (0, 1)
+        ]
+        return (sides[0] * sides[1] * (local[..., 2] > 0) * self.weight).sum(-1)
+
+
+def aligned(card: Card, before: Card | None) -> Card:
+    """Return the same card in the one of its four frames that is nearest to the one before.
+
+    The first has its narrow side along x, as the frames of lobes do
+    (`asglight.lobes.frames.continuous`), so that frames stay as they are when keys become lobes and
+    textures stay with their cards.
+    """
+    x, y, z = card.axes
+    turned = [
+        Card(np.stack([x, y, z]), card.extent),
+        Card(np.stack([y, -x, z]), card.extent[::-1]),
+        Card(np.stack([-x, -y, z]), card.extent),
+        Card(np.stack([-y, x, z]), card.extent[::-1]),
+    ]
+    if before is None:
+        return turned[1] if card.extent[1] < card.extent[0] else turned[0]
+    return max(turned, key=lambda one: float((one.axes * before.axes).sum()))
+
+
+def frame(x: Array, z: Array) -> Array:
+    """Return the right-handed frame of a unit z axis with x as near to a vector as can be."""
+    x = x - (x @ z) * z
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x).astype(np.float64), z])
+
+
+def frame_of(direction: Array) -> Array:
+    """Return a frame about a direction whose x axis is level.  [3, 3]."""
+    z = direction / np.linalg.norm(direction)
+    up = np.array([0.0, 1.0, 0.0]) if abs(z[1]) < 0.99 else np.array([0.0, 0.0, 1.0])
+    return frame(np.cross(up, z), z)
+
+
+def moment_card(patch: Patch, light: Array) -> Card:
+    """Return the card of the mean direction and the second moments of some light.
+
+    Args:
+        patch: Where it comes from.
+        light: Flux of each texel.  [P]
+    """
+    share = patch.weight / patch.weight.sum(-1, keepdims=True) * light[:, None]
+    axes = frame_of((share[..., None] * patch.points).sum((0, 1)))
+    local = (patch.points @ axes[:2].T).reshape(-1, 2)
+    second = (local * share.reshape(-1, 1)).T @ local / share.sum()
+    squares, vectors = np.linalg.eigh(second)
+    x = vectors[:, 1] @ axes[:2]
+    axes = frame(x, axes[2])
+    return Card(axes, half_extent(np.maximum(squares[::-1], patch.softness**2 / 12)))
+
+
+def half_extent(squares: Array) -> Array:
+    """Return the tangents of the half angles of the card with these mean x^2 and y^2.
+
+    With s = p q / sqrt(1 + p^2 + q^2), the mean x^2 is (1 - s / ((1 + p^2) atan s)) / 3.  [2]
+    """
+    rest = np.maximum(1 - 3 * squares, 1e-2)  # half angles up to 84 degrees
+    corner = 1e-12
+    for _ in range(200):  # a fixed point whose error shrinks by a factor each time
+        extent = np.sqrt(np.maximum(corner / np.arctan(corner) / rest - 1, 0))
+        following = extent.prod() / np.sqrt(1 + extent @ extent)
+        if abs(following - corner) <= 1e-12 * corner:
+            break
+        corner = max(following, 1e-12)
+    return extent
+
+
+def fitted(patch: Patch, light: Array, start: Card | None = None) -> Card:
+    """Return the card that shows the light of a lamp best, where the lamp is.
+
+    Args:
+        patch: The texels around the lamp.
+        light: Flux of each, not all 0.  [P]
+        start: Of the search; None for the best of cards of several sizes on the lamp.
+    """
+    patch, light = coarse(patch, light)
+    cost = _Cost(patch, light)
+    tried = [start] if start is not None else starts(patch, light)
+    first = min(tried, key=cost)
+    reach = WARM if start is not None else COLD
+    simplex = np.concatenate([np.zeros((1, 5)), reach * np.eye(5)])
+    options = {"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-5}
+    best = optimize.minimize(
+        lambda step: cost(_changed(first, step)), np.zeros(5), method="Nelder-Mead", options=options
+    )
+    return _changed(first, best.x)
+
+
+def coarse(patch: Patch, light: Array) -> tuple[Patch, Array]:
+    """Return a patch of fewer, larger texels, where there are more than the search needs.
+
+    Args:
+        patch: Texels of a map.
+        light: Flux of each.  [P]
+    """
+    height, width = patch.shape
+    narrow = float(moment_card(patch, light).extent.min())
+    factor = 1
+    while (
+        len(patch.place) > TEXELS * factor**2
+        and height % (2 * factor) == 0
+        and 2 * factor * np.pi / height < FINE * narrow
+    ):
+        factor *= 2
+    if factor == 1:
+        return patch, light
+    row, column = np.divmod(patch.place, width)
+    block = row // factor * (width // factor) + column // factor
+    place, index = np.unique(block, return_inverse=True)
+    grid = Grid.of(height // factor, width // factor)
+    return Patch.of(place, grid), np.bincount(index, light, len(place)).astype(np.float64)
+
+
+def off_by(card: Card, patch: Patch, light: Array) -> Array:
+    """Return by how much a card of a lamp's flux differs from the lamp at each texel.  [P].
+
+    The sum is 0, or what of the card lies beyond the patch, below 0.
+    """
+    cover = patch.covered(card)
+    # sums over points are a little off the solid angle of a card of a few of them
+    whole = max(float(cover.sum()), SAMPLED * card.solid_angle)
+    return cover * (light.sum() / whole) - light
+
+
+def apart(off: Array) -> float:
+    """Return the light that a card shows elsewhere than its lamp, both ways, also beyond a patch.
+
+    Args:
+        off: As of `off_by`.  [P]
+    """
+    return float(np.abs(off).sum() + abs(off.sum()))
+
+
+def _changed(card: Card, step: Array) -> Card:
+    """Return a card moved in units of its size, turned, and grown by logarithms.  [5]."""
+    size = float(card.extent.max())
+    z = card.axes[2] + step[0] * size * card.axes[0] + step[1] * size * card.axes[1]
+    z /= np.linalg.norm(z)
+    x = np.cos(step[2]) * card.axes[0] + np.sin(step[2]) * card.axes[1]
+    return Card(frame(x, z), card.extent * np.exp(step[3:]))
+
+
+def starts(patch: Patch, light: Array) -> list[Card]:
+    """Return cards of several sizes, about the mean of a lamp and about where it is brightest."""
+    card = moment_card(patch, light)
+    centre = patch.centres
+    found = []
+    for scale in SCALES:
+        width = scale * float(card.extent.max())
+        some = np.argsort(-light)[:BRIGHTEST]
+        near = np.exp(-(1 - np.clip(centre[some] @ centre.T, -1, 1)) / width**2)
+        mean = (near @ light) / (near @ patch.weight.sum(-1))
+        for z in (card.axes[2], centre[some[int(mean.argmax())]]):
+            axes = frame(card.axes[0], z)
+            found.append(Card(axes, scale * card.extent))
+            found.append(Card(axes, np.full(2, scale * np.sqrt(card.extent.prod()))))
+    return found
+
+
+class _Cost:
+    """How far a card is off in what it shows of a lamp."""
+
+    def __init__(self, patch: Patch, light: Array) -> None:
+        self._patch, self._light = patch, light / light.sum()
+        self._balls = balls(patch)
+        self._usual = moment_card(patch, light).extent
+
+    def __call__(self, card: Card) -> float:
+        off = off_by(card, self._patch, self._light)
+        single = off.astype(np.float32)
+        far = sum(
+            weight * float(np.abs(ball @ single).sum())
+            for ball, weight in zip(self._balls, BALL_WEIGHTS, strict=True)
+        )
+        return (
+            APART_WEIGHT * apart(off)
+            + far
+            + CENTRE_WEIGHT * float(np.linalg.norm(off @ self._patch.centres))
+            + STEADY_WEIGHT * float((np.log(card.extent / self._usual) ** 2).sum())
+        )
+
+
+def balls(patch: Patch) -> list[Array]:
+    """Return matrices from the flux of texels to what balls show of it.
+
+    A row is a direction in which a ball of roughness 0.25, or 0.5, is looked at with N = V = R, as
+    the errors r0.25 and r0.5 are judged; they sum to 1 over all directions.
+
+    Returns:
+        [Q, P] each; directions in which next to nothing is seen are left out.
+    """
+    cosine = torch.from_numpy(DIRECTIONS @ patch.centres.T)
+    found = []
+    for roughness in BALLS:
+        kernel = kernels.kernel_values(roughness, cosine) / _kernel_sum(roughness)
+        seen = kernel.amax(1) > UNSEEN * kernel.max()
+        found.append(kernel[seen].float().numpy())
+    return found
+
+
+@lru_cache(maxsize=4)
+def _kernel_sum(roughness: float) -> float:
+    """Return the sum of a kernel over the directions: its integral over their solid angle each."""
+    nodes, weights = np.polynomial.legendre.leggauss(400)  # exact to 1e-9 for these
+    values = kernels.kernel_values(roughness, torch.from_numpy(nodes)).numpy()
+    return float(2 * np.pi * (values * weights).sum() * len(DIRECTIONS) / (4 * np.pi))
+
+
+def holding(patch: Patch, light: Array) -> Card:
+    """Return the smallest rectangle that holds the light of a lamp.
+
+    It lies about the middle of the light, turned as the least rectangle around it is; a side is
+    parallel to one of the convex hull's [Freeman and Shapira 1975, "Determining the
+    minimum-area encasing rectangle for an arbitrary closed curve"].
+
+    Args:
+        patch: The texels around the lamp.
+        light: Flux of each, not all 0.  [P]
+    """
+    lit = light > HELD_MIN * light.max()
+    points = patch.points[lit].reshape(-1, 3)
+    axes = moment_card(patch, light).axes
+    for _ in range(4):  # the middle of the rectangle moves the plane, and that the rectangle
+        local = points @ axes.T
+        plane = local[:, :2] / local[:, 2:]
+        angle, low, high = _rectangle(plane)
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        middle = np.append((low + high) / 2 @ turn, 1) @ axes
+        z = middle / np.linalg.norm(middle)
+        x = turn[0] @ axes[:2]
+        axes = frame(x, z)
+    local = points @ axes.T
+    extent = np.abs(local[:, :2] / local[:, 2:]).max(0) + patch.softness
+    return Card(axes, extent)
+
+
+def _rectangle(points: Array) -> tuple[float, Array, Array]:
+    """Return the turn of the smallest rectangle around points [N, 2] and its corners in it."""
+    hull = points[ConvexHull(points).vertices]
+    sides = np.roll(hull, -1, axis=0) - hull
+    best = None
+    for angle in np.arctan2(sides[:, 1], sides[:, 0]) % (np.pi / 2):
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        turned = hull @ turn.T
+        low, high = turned.min(0), turned.max(0)
+        area = float((high - low).prod())
+        if best is None or area < best[0]:
+            best = (area, float(angle), low, high)
+    assert best is not None
+    return best[1:]

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lamps of one frame, in few numbers, as they are followed over a shot."""
+
+import numpy as np
+from torch import Tensor
+
+from asglight.keys import cards
+from asglight.keys.finding import SMALL_TEXELS, Lamp, lamps, surroundings
+from asglight.keys.following import Sighting
+from asglight.keys.spots import Array, Grid
+
+OUTLINE = 0.25
+"""Of a lamp's mean, at which its outline is taken."""
+
+COUNT_MAX = 32
+"""Lamps of a frame that are followed, the ones with most light."""
+
+
+def sightings(radiance: Tensor) -> list[Sighting]:
+    """Find the lamps of a frame, the one with most light first.
+
+    Args:
+        radiance: The map.  [h, w, 3]
+    """
+    values = radiance.double().numpy()
+    luminance = values.mean(-1)
+    grid = Grid.of(*luminance.shape)
+    total = float((luminance * grid.solid_angle).sum())
+    return [
+        Sighting(
+            np.flatnonzero(lamp.mask).astype(np.int32),
+            lamp.direction,
+            lamp.radius,
+            lamp.flux / total,
+            lamp.stops,
+            figure(lamp, luminance, grid),
+        )
+        for lamp in lamps(luminance, grid)[:COUNT_MAX]
+    ]
+
+
+def figure(lamp: Lamp, luminance: Array, grid: Grid) -> float:
+    """Return which share of a lamp's outline a card fills that has its place and size.
+
+    Of the lamp the outline counts: what is brighter than a quarter of its mean is cut off. It is 1
+    of a rectangle, 0.9 of a disc, less of a sky that trees divide; and 1 of a lamp too small to
+    have an outline.
+    """
+    if lamp.radius < SMALL_TEXELS * grid.texel:
+        return 1.0
+    around = surroundings(lamp.mask, luminance, grid) or 0.0
+    near = grid.near(lamp.mask, 2 * grid.texel)
+    patch = cards.Patch.of(np.flatnonzero(near), grid)
+    above = np.where(lamp.mask, np.maximum(luminance - around, 0), 0)
+    level = OUTLINE * lamp.flux / float(grid.solid_angle[lamp.mask].sum())
+    light = (np.minimum(above, level) * grid.solid_angle).ravel()[patch.place]
+    tried = (cards.off_by(card, patch, light) for card in cards.starts(patch, light))
+    return 1 - min(map(cards.apart, tried)) / 2 / float(light.sum())

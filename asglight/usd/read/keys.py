@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reading the keys of a stage, as the lobes of their cards."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pxr import Usd
+
+from asglight.errors import InputError
+from asglight.images import ocio
+from asglight.lobes import LobeTracks
+from asglight.usd import schema
+from asglight.usd.read.edited_lights import with_key_edits
+from asglight.usd.read.placement import placement_of
+from asglight.usd.read.read_options import card_distance_of, rest_images
+from asglight.usd.read.times import frame_numbers
+from asglight.usd.read.tracks import lobes_at
+from asglight.usd.schema import Representation
+from asglight.usd.spaces import in_colorspace, space_of
+from asglight.usd.stage import (
+    held_representations,
+    lobe_prims,
+    name_of,
+    open_rig,
+    readable,
+    show,
+)
+
+
+@dataclass(frozen=True)
+class Keys:
+    """The keys of a stage.
+
+    Attributes:
+        tracks: As the lobes of their cards, in Rec.709 and with +Y up; None where the images have
+            no lamp.
+        rest: Images of the rest, as USD resolves them: one for each frame.
+        changes: What other programs changed, one line each.
+    """
+
+    tracks: LobeTracks | None
+    rest: tuple[str, ...]
+    changes: tuple[str, ...] = ()
+
+
+def read_keys(path: str | Path | Usd.Stage, rig: str | None = None) -> Keys | None:
+    """Read the keys of a stage, with what another program changed in their lights.
+
+    Args:
+        path: The stage.
+        rig: Path of the prim that holds the lobes, of a stage with several.
+
+    Returns:
+        None of a stage without keys.
+
+    Raises:
+        InputError: There is no such stage, or a value is damaged.
+    """
+    stage, prim = open_rig(path, rig)
+    if Representation.KEYS not in held_representations(prim):
+        return None
+    stage.SetEditTarget(stage.GetSessionLayer())
+    with readable(path), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        show(prim, Representation.KEYS)
+        rest = tuple(rest_images(prim)[1:]) or tuple(rest_images(prim))
+        prims = lobe_prims(prim, schema.KEYS)
+        if not prims:
+            return Keys(None, rest)
+        times = frame_numbers(stage, prim, lobe_prims(prim))
+        space = space_of(prim)
+        if space.colorspace not in ocio.NAMES:
+            raise InputError(
+                f"{name_of(path)}: its colour space is {space.colorspace}; expected one of "
+                f"{', '.join(ocio.NAMES)}. Was the stage written by asglight?"
+            )
+        lobes = lobes_at(name_of(path), prims, times)
+        lobes, changes = with_key_edits(
+            prim,
+            prims,
+            lobes,
+            times,
+            card_distance_of(prim),
+            placement_of(prim, times),
+            space.colorspace,
+        )
+        lobes = in_colorspace(lobes, space.colorspace, ocio.REC709)
+        names = tuple(one.GetName() for one in prims)
+        tracks = LobeTracks(times, stage.GetTimeCodesPerSecond(), lobes, {}, names)
+    return Keys(tracks, rest, tuple(changes))

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`asglight keys`, and the options of keys of `asglight fit`."""
+
+import json
+from pathlib import Path
+
+import pytest
+from key_cases import Rectangle, with_lamps
+
+from asglight.cli.main import main
+from asglight.images import write_exr
+from asglight.usd.read.keys import read_keys
+from asglight.usd.read.read_options import read_options
+
+ROWS = 64
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three frames with two lamps, and a stage fitted to them without keys."""
+    folder = tmp_path_factory.mktemp("keys")
+    for frame in (1, 2, 3):
+        lamps = (
+            Rectangle(10 * frame, 20, 10, 14, 8),
+            Rectangle(-100, 30, 0, 9, 7, (30.0, 30.0, 60.0)),
+        )
+        write_exr(folder / f"sky.{frame}.exr", with_lamps(ROWS, *lamps, rays=4))
+    assert main(["fit", str(folder / "sky.#.exr"), "-o", str(folder / "sky.usda")]) == 0
+    return folder
+
+
+def run(*words: str | Path) -> int:
+    return main([str(word) for word in words])
+
+
+def test_a_stage_gets_keys_beside_what_it_has(folder, tmp_path, capsys) -> None:
+    target = tmp_path / "keyed.usda"
+    reference = folder / "sky.#.exr"
+    assert run("keys", folder / "sky.usda", "--reference", reference, "-o", target) == 0
+    text = capsys.readouterr().out
+    assert "written as: keys, cards" in text
+    assert "keys: 2, with " in text
+    assert "stops above its surroundings" in text
+    assert "frames 1-3" in text
+    assert read_options(target).representations == ("keys", "cards")
+    assert run("info", target) == 0
+    text = capsys.readouterr().out
+    assert "representation: keys (also cards)" in text
+    assert "keys: 2, with " in text
+
+
+def test_json_has_the_numbers_of_every_key(folder, tmp_path, capsys) -> None:
+    words = ["--reference", folder / "sky.#.exr", "--keys", "1", "--keys-as", "distant", "--json"]
+    target = tmp_path / "keyed.usda"
+    assert run("keys", folder / "sky.usda", "-o", target, *words) == 0
+    document = json.loads(capsys.readouterr().out)
+    [key] = document["keys"]["keys"]
+    assert key["share"] == pytest.approx(document["keys"]["share"])
+    assert len(key["size_deg"]) == 2
+    assert max(key["color"]) == pytest.approx(1, abs=1e-3)
+    assert document["bytes"] > 0
+    keys = read_keys(target)
+    assert keys is not None
+    assert keys.tracks is not None
+    assert keys.tracks.lobes.count == 1
+
+
+def test_a_fit_writes_keys_alone_or_beside_its_cards(folder, tmp_path, capsys) -> None:
+    source = folder / "sky.#.exr"
+    assert run("fit", source, "-o", tmp_path / "a.usda", "--keys", "auto") == 0
+    assert "keys: 2, with " in capsys.readouterr().out
+    assert read_options(tmp_path / "a.usda").representations == ("keys", "cards")
+    chosen = ["--representations", "keys", "--rest-height", "32", "--json"]
+    assert run("fit", source, "-o", tmp_path / "b.usda", *chosen) == 0
+    assert len(json.loads(capsys.readouterr().out)["keys"]["keys"]) == 2
+    assert read_options(tmp_path / "b.usda").representations == ("keys",)
+    assert (tmp_path / "b_dome" / "b.rest.0002.exr").is_file()
+
+
+def test_names_of_keys_are_kept_over_fits_as_those_of_lobes(folder, tmp_path) -> None:
+    source, stage = folder / "sky.#.exr", tmp_path / "a.usda"
+    names = []
+    for _ in range(2):
+        assert run("fit", source, "-o", stage, "--keys", "auto") == 0
+        keys = read_keys(stage)
+        assert keys is not None
+        assert keys.tracks is not None
+        names.append(keys.tracks.names)
+    assert names[0] == names[1]
+
+
+def test_without_keys_a_stage_is_the_same_to_the_byte(folder, tmp_path) -> None:
+    source = folder / "sky.#.exr"
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    assert run("fit", source, "-o", tmp_path / "a" / "sky.usda") == 0
+    assert run("fit", source, "-o", tmp_path / "b" / "sky.usda", "--keys", "0") == 0
+    first, second = (
+        {file.name: file.read_bytes() for file in (tmp_path / one).rglob("*") if file.is_file()}
+        for one in ("a", "b")
+    )
+    assert first == second
+    assert "sky.rest.0001.exr" not in first
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--keys", "some"], "'some'; expected auto or a number such as 3"),
+        (["--keys", "-2"], "'-2'; expected auto or a number such as 3"),
+        (["--keys-texture"], "--keys-texture: given without keys; expected --keys auto too."),
+        (["--rest-height", "64"], "--rest-height: given without keys"),
+        (["--keys", "auto", "--rest-height", "3"], "rest height: 3; expected 16 rows or more."),
+        (
+            ["--keys", "0", "--representations", "keys"],
+            "keys: 0, and the representation keys is asked for",
+        ),
+        (
+            ["--keys", "auto", "--keys-texture", "--keys-as", "distant"],
+            "keys texture: given with distant lights, which have none; expected --keys-as rect.",
+        ),
+        (["--keys", "auto", "--scheduler", "local"], "keys: with a scheduler, whose parts have"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_line(folder, tmp_path, capsys, words, message) -> None:
+    status = run("fit", folder / "sky.#.exr", "-o", tmp_path / "a.usda", *words)
+    assert status == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert not (tmp_path / "a.usda").exists()
+
+
+def test_a_reference_that_lacks_a_frame_and_no_keys_at_all_are_one_line(folder, tmp_path, capsys):
+    stage = folder / "sky.usda"
+    assert run("keys", stage, "--reference", folder / "sky.1.exr", "-o", tmp_path / "a.usda") == 2
+    assert "lacks 2, 3 of" in capsys.readouterr().err
+    words = ["--reference", folder / "sky.#.exr"]
+    assert run("keys", stage, *words, "--keys", "0") == 2
+    assert "keys: 0; expected auto or a number above 0." in capsys.readouterr().err
+    assert run("keys", stage, *words, "--frames", "1") == 2
+    assert "frames: given with a stage, whose frames are cut" in capsys.readouterr().err
+
+
+def test_more_lights_for_a_stage_with_keys_are_refused_as_its_images_are_needed(
+    folder, tmp_path, capsys
+) -> None:
+    target = tmp_path / "keyed.usda"
+    words = ["--reference", folder / "sky.#.exr", "-o", target]
+    assert run("keys", folder / "sky.usda", *words) == 0
+    assert run("export", target, "--to", "distant", "-o", tmp_path / "more.usda") == 2
+    assert "keys are cut out of the images, which are not given" in capsys.readouterr().err

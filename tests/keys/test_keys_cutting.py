@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Holes filled from their rims, and maps cut into keys and rest."""
+
+import numpy as np
+import pytest
+import torch
+from key_cases import Rectangle, sky, with_lamps
+
+from asglight.keys import cutting
+from asglight.keys.cut import Wanted, enlarged, frame_cut, light_of, parts
+from asglight.keys.report import rim_gradients
+from asglight.keys.sighting import sightings
+from asglight.keys.spots import Grid
+from asglight.sphere import latlong
+
+ROWS = 128
+LAMPS = (Rectangle(20, 10, 15, 12, 8), Rectangle(178, 60, 40, 9, 6, (20.0, 30.0, 60.0)))
+
+
+def masks(radiance: torch.Tensor) -> list[np.ndarray]:
+    found = []
+    for one in sightings(radiance):
+        mask = np.zeros(radiance.shape[:2], dtype=bool)
+        mask.ravel()[one.place] = True
+        found.append(mask)
+    return found
+
+
+def flux(radiance: torch.Tensor) -> torch.Tensor:
+    solid = latlong.texel_solid_angles(*radiance.shape[:2], dtype=torch.float64)
+    return (radiance.double() * solid[..., None]).sum((0, 1))
+
+
+def test_a_hole_is_filled_with_the_harmonic_function_of_its_rim() -> None:
+    # ln tan(theta / 2) and its like about another axis solve Laplace's equation on the sphere
+    grid = Grid.of(128, 256)
+    axis = np.array([0.6, 0.48, 0.64])
+    cosine = grid.directions @ axis
+    harmonic = np.log((1 - cosine) / (1 + cosine)) / 2 + 10
+    for place in ([1.0, 0.1, -0.3], [-0.2, 1.0, 0.1], [0.1, -0.3, -1.0]):
+        direction = np.array(place) / np.linalg.norm(place)
+        holes = grid.directions @ direction > np.cos(np.radians(12))
+        filled = cutting.filled(
+            np.repeat(harmonic[..., None], 3, 2) * ~holes[..., None], holes, grid
+        )
+        # the mesh is of texels of 1.4 degrees
+        np.testing.assert_allclose(filled[holes][:, 0], harmonic[holes], atol=2e-3)
+        np.testing.assert_array_equal(filled[~holes][:, 0], harmonic[~holes])
+
+
+def test_a_matte_is_whole_on_its_lamp_and_smooth_beyond() -> None:
+    grid = Grid.of(64, 128)
+    mask = np.zeros((64, 128), dtype=bool)
+    mask[0:2, 5] = mask[20:26, 125:] = mask[20:26, :3] = True
+    matte = cutting.matte(mask, grid)
+    assert (matte[mask] == 1).all()
+    assert matte.min() == 0
+    assert ((matte > 0) & (matte < 1)).any()
+    steps = np.abs(np.diff(matte[30:, 0]))
+    assert steps.max() < 0.7  # not from whole to nothing at once
+
+
+@pytest.mark.parametrize("rows", [64, ROWS, 300])
+def test_keys_and_rest_have_the_flux_of_the_map_in_each_channel(rows: int) -> None:
+    radiance = with_lamps(rows, *LAMPS)
+    small = latlong.reduce(radiance, min(rows, ROWS), 2 * min(rows, ROWS))
+    cut = frame_cut(small, [Wanted(mask, 1.0) for mask in masks(small)], [])
+    found = parts(cut, radiance)
+    assert len(found.flux) == 2
+    torch.testing.assert_close(
+        flux(found.rest) + found.flux.sum(0), flux(radiance), rtol=1e-6, atol=0
+    )
+    assert float(found.rest.min()) >= 0
+    assert float(found.flux.min()) >= 0
+
+
+def test_the_rest_is_the_sky_behind_the_lamps_and_the_map_elsewhere() -> None:
+    radiance = with_lamps(ROWS, *LAMPS)
+    cut = frame_cut(radiance, [Wanted(mask, 1.0) for mask in masks(radiance)], [])
+    found = parts(cut, radiance)
+    outside = torch.from_numpy(~cut.holes)
+    assert torch.equal(found.rest[outside], radiance[outside])
+    torch.testing.assert_close(found.rest, sky(ROWS), rtol=0.03, atol=0)
+    # no edge is seen at the rim
+    assert max(rim_gradients(radiance, found.rest, cut)) < 1.2
+
+
+def test_dark_rims_that_filters_leave_are_filled_and_the_flux_is_kept() -> None:
+    radiance = with_lamps(ROWS, LAMPS[0])
+    bright = radiance.mean(-1) > 5
+    around = torch.from_numpy(Grid.of(ROWS, 2 * ROWS).near(bright.numpy(), 0.03))
+    radiance[around & ~bright] = 0
+    cut = frame_cut(radiance, [Wanted(mask, 1.0) for mask in masks(radiance)], [])
+    found = parts(cut, radiance)
+    torch.testing.assert_close(
+        flux(found.rest) + found.flux.sum(0), flux(radiance), rtol=1e-6, atol=0
+    )
+    torch.testing.assert_close(found.rest, sky(ROWS), rtol=0.05, atol=0)
+
+
+def test_half_of_a_key_that_is_half_up_stays_in_the_rest() -> None:
+    radiance = with_lamps(ROWS, LAMPS[0])
+    [mask] = masks(radiance)
+    whole = parts(frame_cut(radiance, [Wanted(mask, 1.0)], []), radiance)
+    half = parts(frame_cut(radiance, [Wanted(mask, 0.5)], []), radiance)
+    torch.testing.assert_close(half.flux, whole.flux / 2, rtol=1e-3, atol=0)
+
+
+def test_a_lamp_that_a_card_cannot_show_keeps_its_top_in_the_rest_within_the_goals() -> None:
+    from asglight.judging.metrics import map_errors
+    from asglight.keys.cards import Patch
+
+    grid = Grid.of(ROWS, 2 * ROWS)
+    angle = np.arccos(np.clip(grid.directions @ [0.0, 0.0, 1.0], -1, 1))
+    glow = torch.from_numpy(400 * np.exp(-((angle / 0.05) ** 2)) + 20.0 * (angle < 0.25)).float()
+    radiance = sky(ROWS) + glow[..., None] * torch.tensor([1.0, 0.9, 0.8])
+    cut = frame_cut(radiance, [Wanted(mask, 1.0) for mask in masks(radiance)], [])
+    found = parts(cut, radiance)
+    [key] = cut.keys
+    assert key is not None
+    assert 0.3 < key.carried < 1
+    patch = Patch.of(np.arange(ROWS * 2 * ROWS), grid)
+    cover = torch.from_numpy(patch.covered(key.card)).view(ROWS, -1, 1)
+    solid = torch.from_numpy(grid.solid_angle)[..., None]
+    shown = found.rest + (found.flux[0] * cover / cover.sum() / solid).float()
+    errors = map_errors(shown, radiance).values
+    assert errors["env"] < 0.15
+    assert errors["r0.25"] < 0.02
+    assert errors["r0.5"] < 0.006
+    assert errors["irr"] < 0.003
+
+
+def test_enlarging_keeps_texels_that_are_there_and_meets_at_the_seam() -> None:
+    image = torch.rand(8, 16, 2)
+    assert enlarged(image, 8) is image
+    large = enlarged(image, 24)
+    torch.testing.assert_close(large[1::3, 1::3], image)
+    torch.testing.assert_close(large[1::3, 0], image[:, 0].lerp(image[:, -1], 1 / 3))
+    torch.testing.assert_close(large[0], large[1])  # beyond the outermost centres it is theirs
+
+
+def test_what_a_key_takes_is_what_the_rest_lacks() -> None:
+    radiance = with_lamps(ROWS, LAMPS[0])
+    cut = frame_cut(radiance, [Wanted(mask, 1.0) for mask in masks(radiance)], [])
+    rows, light = light_of(cut, 0, radiance)
+    rest = radiance.clone()
+    rest[rows] -= light
+    torch.testing.assert_close(parts(cut, radiance).rest, rest.clamp(min=0))
+
+
+def test_a_lamp_beside_a_hole_does_not_light_it() -> None:
+    grid = Grid.of(64, 128)
+    radiance = np.ones((64, 128, 3))
+    holes = np.zeros((64, 128), dtype=bool)
+    holes[30:34, 60:66] = True
+    radiance[30:34, 66] = 1000.0
+    filled = cutting.filled(radiance, holes, grid)
+    assert filled[holes].max() <= cutting.RIM_MOST
+    np.testing.assert_allclose(filled[30:34, 60], 1, rtol=0.2)
+    np.testing.assert_array_equal(filled[~holes], radiance[~holes])

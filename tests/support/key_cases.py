@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Maps with lamps whose outlines are known, made by casting rays at them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+
+from asglight.sphere import latlong
+
+Array = NDArray[np.float64]
+
+SKY = (0.2, 0.25, 0.3)
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A rectangle that faces the origin.
+
+    Attributes:
+        longitude: Of its middle, in degrees.
+        latitude: Likewise.
+        turn: About the direction of its middle, in degrees.
+        width: Angle that it is seen under, in degrees.
+        height: Likewise.
+        radiance: Of all of it.
+    """
+
+    longitude: float
+    latitude: float
+    turn: float
+    width: float
+    height: float
+    radiance: tuple[float, float, float] = (60.0, 50.0, 40.0)
+
+    @property
+    def axes(self) -> Array:
+        """Rows x, y and z of its frame, z towards its middle."""
+        turns = Rotation.from_euler(
+            "YXZ", [self.longitude, -self.latitude, self.turn], degrees=True
+        )
+        return turns.as_matrix().T
+
+    @property
+    def extent(self) -> Array:
+        """Tangents of its half angles."""
+        return np.tan(np.radians([self.width, self.height]) / 2)
+
+    def corners(self) -> Array:
+        """Directions of its corners.  [4, 3]."""
+        p, q = self.extent
+        found = np.array([[p, q, 1], [-p, q, 1], [-p, -q, 1], [p, -q, 1]]) @ self.axes
+        return found / np.linalg.norm(found, axis=-1, keepdims=True)
+
+    def covers(self, directions: Array) -> NDArray[np.bool_]:
+        """Tell which directions it is seen in.  [..., 3]."""
+        local = directions @ self.axes.T
+        z = np.where(local[..., 2] > 0, local[..., 2], np.inf)
+        inside = np.abs(local[..., :2]) <= self.extent * z[..., None]
+        return inside.all(-1) & np.isfinite(z)
+
+
+def sky(rows: int) -> Tensor:
+    """Return a sky that is brighter above.  [rows, 2 rows, 3]."""
+    up = latlong.directions(rows, 2 * rows)[..., 1:2]
+    return torch.tensor(SKY) * (1.5 + up)
+
+
+def with_lamps(rows: int, *lamps: Rectangle, rays: int = 8) -> Tensor:
+    """Return a sky with rectangles in front of it, each texel the mean along rays through it."""
+    inner = (torch.arange(rays, dtype=torch.float64) + 0.5) / rays
+    place = (torch.arange(rows, dtype=torch.float64)[:, None] + inner).flatten() / rows
+    across = (torch.arange(2 * rows, dtype=torch.float64)[:, None] + inner).flatten() / (2 * rows)
+    v, u = torch.meshgrid(place, across, indexing="ij")
+    directions = latlong.direction_from_uv(u, v).numpy()
+    weight = torch.cos(torch.pi * (0.5 - place)).view(rows, rays, 1, 1)
+    found = sky(rows)
+    for lamp in lamps:
+        seen = torch.from_numpy(lamp.covers(directions)).double()
+        seen = seen.view(rows, rays, 2 * rows, rays)
+        share = (seen * weight).sum((1, 3)) / (weight.sum(1) * rays).view(rows, 1)
+        found = torch.lerp(found, torch.tensor(lamp.radiance), share[..., None].float())
+    return found
+
+
+def corner_error(found: Array, truth: Array) -> float:
+    """Return the largest angle from a corner to the true one, in the best order.  [4, 3], radians.
+
+    A rectangle has no first corner, and no first side.
+    """
+    orders = [np.roll(corners, k, axis=0) for corners in (found, found[::-1]) for k in range(4)]
+    cosines = [np.clip((order * truth).sum(-1), -1, 1) for order in orders]
+    return min(float(np.arccos(cosine).max()) for cosine in cosines)
