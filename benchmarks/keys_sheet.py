@@ -27,7 +27,7 @@ from asglight.judging.layout import FAINT, TEXT, Grid, save, sheet
 from asglight.judging.metrics import maps_errors
 from asglight.judging.outlines import colour, segments
 from asglight.judging.spheres import SPHERES, render
-from asglight.keys.cards import Card
+from asglight.keys.rectangles import Card
 from asglight.lobes import texels
 
 MAP, BALL, GAP, LEFT, TOP = (660, 330), 136, 12, 28, 116

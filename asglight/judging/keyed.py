@@ -15,8 +15,8 @@ from torch import Tensor
 
 from asglight.images import write_exr
 from asglight.keys import following, texture
-from asglight.keys.cards import Card
 from asglight.keys.cut import Wanted, frame_cut, light_of, parts
+from asglight.keys.rectangles import Card
 from asglight.keys.sighting import sightings
 from asglight.sphere import latlong
 

@@ -1,43 +1,47 @@
 # SPDX-License-Identifier: Apache-2.0
 """The card of a lamp: the rectangle that shows its light best.
 
-A card is a rectangle in the plane z = 1 of a frame whose z axis goes through its middle. All of it
-has one radiance. It has the flux of its lamp; its place, turn and size are those with which it
-differs least from the lamp: texel by texel, and as glossy balls see both.
+All of a card has one radiance, and it has the flux of its lamp. Its place, turn and size are those
+with which it differs least from the lamp: texel by texel, and as glossy balls see both.
 
 Symbols: P texels around a lamp; S points in each.
 """
 
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 import torch
 from scipy import optimize
 from scipy.spatial import ConvexHull
 
-from asglight.keys.spots import Array, Grid, Places
+from asglight.keys.rectangles import Card, Patch, frame, frame_of, half_extent
+from asglight.keys.spots import Array, Grid
 from asglight.shading import kernels
 from asglight.sphere.quadrature import fibonacci_directions
-
-POINTS = 20_000
-"""Points that a lamp is looked at in, at most, in squares of `SIDE_MAX` by `SIDE_MAX` a texel."""
-
-SIDE_MAX = 5
 
 FINE = 0.25
 """Of the half width of a lamp: larger texels would not tell its sides."""
 
 TEXELS = 800
-"""Of a lamp, with which its card is searched, at most: 0.2 of a degree of a lamp of 20."""
+"""Of a lamp, with which its card is searched, at most: 0.7 degrees of a lamp of 20."""
 
-APART_WEIGHT = 0.3
 BALLS = (0.25, 0.5)
 """Roughness of the balls."""
 
-BALL_WEIGHTS = (4.0, 12.0)
+APART_WEIGHT, BALL_WEIGHTS = 0.3, (4.0, 12.0)
+"""Of what differs texel by texel and on the balls: about in inverse proportion to what each may be
+(`asglight.keys.cut`), so that none is bought with another."""
+
+CENTRE_WEIGHT = 10.0
+"""Of the flux times the way that a card's light is off its lamp's mean direction, in radians: what
+turns shadows and Lambert's cosine."""
+
+STEADY_WEIGHT = 2e-3
+"""Of the logarithm of a card's size against that of the lamp's moments. A lamp of one texel is
+shown as well by any card within it."""
+
 UNSEEN = 1e-3
-"""Of a kernel's peak."""
+"""Of a kernel's peak, below which a direction is left out."""
 
 DIRECTIONS = fibonacci_directions(768, dtype=torch.float64).numpy()
 """In which balls are looked at, as the errors are judged.  [768, 3]"""
@@ -45,136 +49,21 @@ DIRECTIONS = fibonacci_directions(768, dtype=torch.float64).numpy()
 SAMPLED = 0.97
 """Of a card's solid angle, that the points of a patch find of it at least."""
 
-CENTRE_WEIGHT = 10.0
 HELD_MIN = 1e-3
 """Of a lamp's brightest texel: fainter ones at its rim do not make a card larger."""
 
-STEADY_WEIGHT = 2e-3
-"""Of the logarithm of a card's size against that of the lamp's moments. A lamp of one texel is
-shown as well by any card within it."""
-
 SCALES = (1.0, 0.7, 0.45, 0.25)
-COLD, WARM = 0.25, 0.1
+"""Sizes of the cards that a search may start with, over that of the lamp's moments: of a bulb in a
+dish the moments are the dish's."""
+
 BRIGHTEST = 300
+"""Texels among which the brightest place of such a size is looked for."""
+
+COLD, WARM = 0.25, 0.1
+"""First step of a search, over a card's size: from nothing, and from the frame before."""
 
 EVALUATIONS = 300
 """Of the search, at most; it ends by itself after 150 to 300."""
-
-
-@dataclass(frozen=True, eq=False)
-class Card:
-    """A rectangle seen from the origin.
-
-    Attributes:
-        axes: Rows x, y, z of its frame; z goes through its middle.  [3, 3]
-        extent: Tangents of its half angles along x and y.  [2]
-    """
-
-    axes: Array
-    extent: Array
-
-    @property
-    def solid_angle(self) -> float:
-        """Return its solid angle in steradians: 4 atan(p q / sqrt(1 + p^2 + q^2))."""
-        p, q = self.extent
-        return float(4 * np.arctan(p * q / np.sqrt(1 + p * p + q * q)))
-
-    def corners(self) -> Array:
-        """Return the directions of its corners, in order around it.  [4, 3]."""
-        p, q = self.extent
-        corners = np.array([[p, q, 1], [-p, q, 1], [-p, -q, 1], [p, -q, 1]]) @ self.axes
-        return corners / np.linalg.norm(corners, axis=-1, keepdims=True)
-
-
-@dataclass(frozen=True, eq=False)
-class Patch:
-    """The texels around a lamp, as points.
-
-    Attributes:
-        place: Flat places of the texels in the map.  [P]
-        points: Directions.  [P, S, 3]
-        weight: Solid angle of each point, in steradians.  [P, S]
-        softness: Width over which the edge of a card fades, as a tangent: a point's own.
-        shape: Rows and columns of the map.
-    """
-
-    place: Places
-    points: Array
-    weight: Array
-    softness: float
-    shape: tuple[int, int]
-
-    @classmethod
-    def of(cls, place: Places, grid: Grid) -> "Patch":
-        """Return some texels of a map as points."""
-        height, width = grid.solid_angle.shape
-        side = int(np.clip(np.sqrt(POINTS / max(len(place), 1)), 1, SIDE_MAX))
-        row, column = np.divmod(place, width)
-        inner = (np.arange(side) + 0.5) / side
-        latitude = np.pi / 2 - np.pi * (row[:, None, None] + inner[None, :, None]) / height
-        longitude = np.pi - 2 * np.pi * (column[:, None, None] + inner[None, None, :]) / width
-        latitude, longitude = np.broadcast_arrays(latitude, longitude)
-        points = np.stack(
-            [
-                np.cos(latitude) * np.sin(longitude),
-                np.sin(latitude),
-                np.cos(latitude) * np.cos(longitude),
-            ],
-            axis=-1,
-        ).reshape(len(place), -1, 3)
-        share = np.cos(latitude).reshape(len(place), -1)
-        share = share / share.sum(-1, keepdims=True)
-        weight = share * grid.solid_angle.ravel()[place][:, None]
-        return cls(place, points, weight, grid.texel / side, (height, width))
-
-    @cached_property
-    def centres(self) -> Array:
-        """Return the directions of the texels' middles.  [P, 3]."""
-        centre = (self.points * self.weight[..., None]).sum(1)
-        return centre / np.linalg.norm(centre, axis=-1, keepdims=True)
-
-    def covered(self, card: Card) -> Array:
-        """Return the solid angle of each texel that a card covers.  [P]."""
-        local = self.points @ card.axes.T
-        z = np.maximum(local[..., 2], 1e-6)  # behind the origin nothing is covered
-        sides = [
-            np.clip((card.extent[k] - np.abs(local[..., k]) / z) / self.softness + 0.5, 0, 1)
-            for k in (0, 1)
-        ]
-        return (sides[0] * sides[1] * (local[..., 2] > 0) * self.weight).sum(-1)
-
-
-def aligned(card: Card, before: Card | None) -> Card:
-    """Return the same card in the one of its four frames that is nearest to the one before.
-
-    The first has its narrow side along x, as the frames of lobes do
-    (`asglight.lobes.frames.continuous`), so that frames stay as they are when keys become lobes and
-    textures stay with their cards.
-    """
-    x, y, z = card.axes
-    turned = [
-        Card(np.stack([x, y, z]), card.extent),
-        Card(np.stack([y, -x, z]), card.extent[::-1]),
-        Card(np.stack([-x, -y, z]), card.extent),
-        Card(np.stack([-y, x, z]), card.extent[::-1]),
-    ]
-    if before is None:
-        return turned[1] if card.extent[1] < card.extent[0] else turned[0]
-    return max(turned, key=lambda one: float((one.axes * before.axes).sum()))
-
-
-def frame(x: Array, z: Array) -> Array:
-    """Return the right-handed frame of a unit z axis with x as near to a vector as can be."""
-    x = x - (x @ z) * z
-    x = x / np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x).astype(np.float64), z])
-
-
-def frame_of(direction: Array) -> Array:
-    """Return a frame about a direction whose x axis is level.  [3, 3]."""
-    z = direction / np.linalg.norm(direction)
-    up = np.array([0.0, 1.0, 0.0]) if abs(z[1]) < 0.99 else np.array([0.0, 0.0, 1.0])
-    return frame(np.cross(up, z), z)
 
 
 def moment_card(patch: Patch, light: Array) -> Card:
@@ -192,22 +81,6 @@ def moment_card(patch: Patch, light: Array) -> Card:
     x = vectors[:, 1] @ axes[:2]
     axes = frame(x, axes[2])
     return Card(axes, half_extent(np.maximum(squares[::-1], patch.softness**2 / 12)))
-
-
-def half_extent(squares: Array) -> Array:
-    """Return the tangents of the half angles of the card with these mean x^2 and y^2.
-
-    With s = p q / sqrt(1 + p^2 + q^2), the mean x^2 is (1 - s / ((1 + p^2) atan s)) / 3.  [2]
-    """
-    rest = np.maximum(1 - 3 * squares, 1e-2)  # half angles up to 84 degrees
-    corner = 1e-12
-    for _ in range(200):  # a fixed point whose error shrinks by a factor each time
-        extent = np.sqrt(np.maximum(corner / np.arctan(corner) / rest - 1, 0))
-        following = extent.prod() / np.sqrt(1 + extent @ extent)
-        if abs(following - corner) <= 1e-12 * corner:
-            break
-        corner = max(following, 1e-12)
-    return extent
 
 
 def fitted(patch: Patch, light: Array, start: Card | None = None) -> Card:

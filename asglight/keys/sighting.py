@@ -7,6 +7,7 @@ from torch import Tensor
 from asglight.keys import cards
 from asglight.keys.finding import SMALL_TEXELS, Lamp, lamps, surroundings
 from asglight.keys.following import Sighting
+from asglight.keys.rectangles import Patch
 from asglight.keys.spots import Array, Grid
 
 OUTLINE = 0.25
@@ -50,7 +51,7 @@ def figure(lamp: Lamp, luminance: Array, grid: Grid) -> float:
         return 1.0
     around = surroundings(lamp.mask, luminance, grid) or 0.0
     near = grid.near(lamp.mask, 2 * grid.texel)
-    patch = cards.Patch.of(np.flatnonzero(near), grid)
+    patch = Patch.of(np.flatnonzero(near), grid)
     above = np.where(lamp.mask, np.maximum(luminance - around, 0), 0)
     level = OUTLINE * lamp.flux / float(grid.solid_angle[lamp.mask].sum())
     light = (np.minimum(above, level) * grid.solid_angle).ravel()[patch.place]

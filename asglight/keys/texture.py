@@ -13,7 +13,7 @@ import math
 import torch
 from torch import Tensor
 
-from asglight.keys.cards import Card
+from asglight.keys.rectangles import Card
 from asglight.sphere import latlong
 
 PER_TEXEL = (8, 32)

@@ -20,10 +20,10 @@ from torch import Tensor
 from asglight.images import Sequence, ocio, write_exr
 from asglight.images.exr_writer import HALF_MAX
 from asglight.keys import following, report, texture
-from asglight.keys.cards import Card
 from asglight.keys.cut import ROWS, FrameCut, Wanted, frame_cut, light_of, parts
 from asglight.keys.following import Sighting, Track
 from asglight.keys.lobes import as_lobes
+from asglight.keys.rectangles import Card
 from asglight.keys.report import KeyFrame
 from asglight.keys.sighting import sightings
 from asglight.keys.spots import Grid, Mask, Places

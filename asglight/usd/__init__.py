@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         StageOptions,
         check_stage_options,
     )
+    from asglight.usd.read.keys import Keys, read_keys
     from asglight.usd.read.tracks import Reading, read_stage, read_usd
     from asglight.usd.schema import SCHEMA_FOLDER
     from asglight.usd.write.edit_layer import write_edit_layer
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = [
     "SCHEMA_FOLDER",
     "STAGE_SUFFIXES",
+    "Keys",
     "Reading",
     "Representation",
     "StageOptions",
@@ -33,6 +35,7 @@ __all__ = [
     "add_representations",
     "check_stage_options",
     "lint_stage",
+    "read_keys",
     "read_stage",
     "read_usd",
     "write_edit_layer",
@@ -48,6 +51,8 @@ _HOME = {
     "WriteReport": "write.staging",
     "add_representations": "write.representing",
     "lint_stage": "check.lint",
+    "Keys": "read.keys",
+    "read_keys": "read.keys",
     "Reading": "read.tracks",
     "read_stage": "read.tracks",
     "read_usd": "read.tracks",

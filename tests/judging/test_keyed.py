@@ -9,7 +9,7 @@ from asglight.judging import keyed, methods
 from asglight.judging.compare import size_of
 from asglight.judging.methods import COMPARED, METHODS, Task
 from asglight.judging.metrics import map_errors
-from asglight.keys.cards import Card
+from asglight.keys.rectangles import Card
 from asglight.sphere import latlong
 
 ROWS = 64

@@ -6,9 +6,9 @@ import pytest
 import torch
 from key_cases import Rectangle, corner_error, with_lamps
 
-from asglight.keys import cards
-from asglight.keys.cards import Card, Patch
+from asglight.keys import cards, rectangles
 from asglight.keys.cut import FrameCut, Wanted, frame_cut
+from asglight.keys.rectangles import Card, Patch
 from asglight.keys.sighting import sightings
 from asglight.keys.spots import Grid
 from asglight.sphere import latlong
@@ -89,7 +89,7 @@ def test_half_extents_have_the_mean_squares_asked_for(extent: tuple[float, float
     square = 1 + x * x + y * y
     light = square**-1.5 * np.outer(weights, weights)
     squares = np.array([(light * one / square).sum() for one in (x * x, y * y)]) / light.sum()
-    np.testing.assert_allclose(cards.half_extent(squares), extent, rtol=1e-6)
+    np.testing.assert_allclose(rectangles.half_extent(squares), extent, rtol=1e-6)
 
 
 def test_light_that_a_card_shows_beyond_its_patch_counts_as_off() -> None:
@@ -113,10 +113,10 @@ def test_frames_follow_the_frame_before_through_quarter_turns() -> None:
         (np.stack([-x, -y, z]), lamp.extent),
         (np.stack([-y, x, z]), lamp.extent[::-1]),
     ):
-        same = cards.aligned(Card(axes, extent), before)
+        same = rectangles.aligned(Card(axes, extent), before)
         np.testing.assert_allclose(same.axes, before.axes, atol=1e-12)
         np.testing.assert_allclose(same.extent, before.extent)
-    first = cards.aligned(before, None)
+    first = rectangles.aligned(before, None)
     assert first.extent[0] <= first.extent[1]
 
 

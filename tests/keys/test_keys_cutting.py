@@ -108,7 +108,7 @@ def test_half_of_a_key_that_is_half_up_stays_in_the_rest() -> None:
 
 def test_a_lamp_that_a_card_cannot_show_keeps_its_top_in_the_rest_within_the_goals() -> None:
     from asglight.judging.metrics import map_errors
-    from asglight.keys.cards import Patch
+    from asglight.keys.rectangles import Patch
 
     grid = Grid.of(ROWS, 2 * ROWS)
     angle = np.arccos(np.clip(grid.directions @ [0.0, 0.0, 1.0], -1, 1))

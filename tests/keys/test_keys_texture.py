@@ -7,7 +7,7 @@ import torch
 from key_cases import Rectangle
 
 from asglight.keys import texture
-from asglight.keys.cards import Card
+from asglight.keys.rectangles import Card
 from asglight.sphere import latlong
 
 ROWS = 64

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd
 
-from asglight.errors import InputError
 from asglight.images import ocio
 from asglight.lobes import LobeTracks
 from asglight.usd import schema
@@ -15,9 +14,9 @@ from asglight.usd.read.edited_lights import with_key_edits
 from asglight.usd.read.placement import placement_of
 from asglight.usd.read.read_options import card_distance_of, rest_images
 from asglight.usd.read.times import frame_numbers
-from asglight.usd.read.tracks import lobes_at
+from asglight.usd.read.tracks import known_space, lobes_at
 from asglight.usd.schema import Representation
-from asglight.usd.spaces import in_colorspace, space_of
+from asglight.usd.spaces import in_colorspace
 from asglight.usd.stage import (
     held_representations,
     lobe_prims,
@@ -63,17 +62,13 @@ def read_keys(path: str | Path | Usd.Stage, rig: str | None = None) -> Keys | No
     stage.SetEditTarget(stage.GetSessionLayer())
     with readable(path), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         show(prim, Representation.KEYS)
-        rest = tuple(rest_images(prim)[1:]) or tuple(rest_images(prim))
+        first, *others = rest_images(prim) or [""]  # the default, then one a frame
+        rest = tuple(others) or ((first,) if first else ())
         prims = lobe_prims(prim, schema.KEYS)
         if not prims:
             return Keys(None, rest)
         times = frame_numbers(stage, prim, lobe_prims(prim))
-        space = space_of(prim)
-        if space.colorspace not in ocio.NAMES:
-            raise InputError(
-                f"{name_of(path)}: its colour space is {space.colorspace}; expected one of "
-                f"{', '.join(ocio.NAMES)}. Was the stage written by asglight?"
-            )
+        space = known_space(name_of(path), prim)
         lobes = lobes_at(name_of(path), prims, times)
         lobes, changes = with_key_edits(
             prim,

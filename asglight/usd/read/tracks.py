@@ -93,7 +93,7 @@ def _reading(path: str, stage: Usd.Stage, rig: Usd.Prim) -> Reading:
         times = frame_numbers(stage, rig, prims)
     except NoFramesError as error:
         _fail(path, error.found, error.expected)
-    space = _space(path, rig)
+    space = known_space(path, rig)
     distance = card_distance_of(rig)
     lobes = lobes_at(path, prims, times)
     placement = placement_of(rig, times)
@@ -116,7 +116,12 @@ def _check_finite(path: str, lobes: Lobes, names: tuple[str, ...], times: tuple[
         _fail(path, f"the light of {names[lobe]} is not finite at frame {times[frame]}", "numbers")
 
 
-def _space(path: str, rig: Usd.Prim) -> Space:
+def known_space(path: str, rig: Usd.Prim) -> Space:
+    """Return the space that a rig was written in.
+
+    Raises:
+        InputError: Nobody knows its colours.
+    """
     space = space_of(rig)
     if space.colorspace not in ocio.NAMES:
         place = f"{rig.GetPath()}.{schema.COLORSPACE}"
