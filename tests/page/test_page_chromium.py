@@ -235,6 +235,31 @@ def test_words_of_the_stage_are_words_on_the_page(page: Page, tmp_path: Path) ->
     assert page.run(f"{listed}.map(one => one.textContent)") == list(names)
 
 
+def test_a_black_still_is_black_and_has_no_timeline(page: Page, tmp_path: Path) -> None:
+    tracks = shot_of(Form.ASG)
+    lobes = replace(tracks.lobes, amplitude=torch.zeros_like(tracks.lobes.amplitude))[:1]
+    opened(page, tmp_path / "shot.html", replace(tracks, frames=(1001,), lobes=lobes))
+    assert page.run("document.getElementById('transport').hidden")
+    assert not canvas(page, "map").any()
+    found = canvas(page, "balls")
+    for x, y, size in cells_of(found.shape[1], 6, 6):
+        assert not found[y + size // 4 : y + 3 * size // 4, x + size // 4 : x + 3 * size // 4].any()
+    assert page.run(
+        "[...document.querySelectorAll('#lobes span:nth-child(3)')].every("
+        "one => one.textContent === 'dark')"
+    )
+
+
+def test_a_browser_without_what_it_takes_is_told(page: Page, tmp_path: Path) -> None:
+    write_page(tmp_path / "shot.html", shot_of(Form.ASG), "shot")
+    broken = (tmp_path / "shot.html").read_text().replace("EXT_color_buffer_float", "EXT_none")
+    (tmp_path / "old.html").write_text(broken)
+    page.open(tmp_path / "old.html")
+    said = page.run("document.getElementById('trouble').textContent")
+    assert said == "This browser cannot draw 32-bit floats (EXT_none)."
+    assert not page.run("document.getElementById('trouble').hidden")
+
+
 GREYS = (0.05, 0.1, 0.2, 0.4, 0.8)
 """Radiance of balls that a test puts in the place of rendered ones."""
 
