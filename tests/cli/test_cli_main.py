@@ -21,7 +21,7 @@ def test_every_command_has_help_with_an_example(
     assert cli.main([command, "--help"]) == 0
     text = capsys.readouterr().out
     assert f"example: asglight {command} " in text
-    # The result of two is a file, `follow` prints JSON alone, `figures` has the option with each figure.
+    # The result of two is a file, `follow` prints JSON alone; `figures` has the option with each.
     assert ("--json" in text) is (command not in ("view", "export", "follow", "figures"))
 
 
