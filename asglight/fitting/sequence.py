@@ -8,10 +8,14 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import first_frame, following, paper, paper_losses, slots, whole_shot
-from asglight.fitting.first_frame import FrameFit, fit_first_frame, mean_radiance
-from asglight.fitting.following import fit_next_frame
+from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.first_frame.fit import FrameFit, fit_first_frame, mean_radiance
+from asglight.fitting.following import next_frame as following
+from asglight.fitting.following import slots, whole_shot
+from asglight.fitting.following.next_frame import fit_next_frame
 from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.paper import fit as paper
+from asglight.fitting.paper import losses as paper_losses
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import canonical
 from asglight.threads import one_thread

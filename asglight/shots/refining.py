@@ -13,10 +13,10 @@ import torch
 from torch import Tensor
 
 from asglight.errors import InputError
-from asglight.fitting.first_frame import Exposed, exposed
+from asglight.fitting.first_frame.fit import Exposed, exposed
+from asglight.fitting.following.whole_shot import CHUNK, refine_shot
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import REFINEMENT
-from asglight.fitting.whole_shot import CHUNK, refine_shot
 from asglight.images import Sequence
 from asglight.images.message import shown
 from asglight.lobes.data import stack

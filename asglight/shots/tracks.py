@@ -19,6 +19,7 @@ from asglight.images.account import read_as
 from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
+from asglight.lobes.heirs import inherited
 from asglight.lobes.naming import by_energy
 from asglight.shots.leaving_out import account, simplified
 from asglight.shots.records import FrameRecord, own_frames, places_of
@@ -69,7 +70,7 @@ def tracks_of(
     """
     own = own_frames(records)
     numbers = [record.frame for record in own]
-    lobes = carried_on(stack([record.lobes for record in own]))  # [F', N, .]
+    lobes = carried_on(inherited(stack([record.lobes for record in own])))  # [F', N, .]
     fitted, lit = options.lobes_of(lobes.count), lit_lobes(lobes)
     lobes, budget = lobes.select(lit), None
     if options.preset is not Preset.PAPER:  # which stays as published
