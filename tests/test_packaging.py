@@ -23,6 +23,7 @@ def test_the_wheel_holds_shaders_schema_and_viewer(tmp_path: Path) -> None:
         for name in ("plugInfo.json", "generatedSchema.usda", "schema.usda")
     }
     modules = {str(path.relative_to(ROOT)) for path in (ROOT / "asglight").rglob("*.py")}
+    page = {f"asglight/page/parts/page.{kind}" for kind in ("html", "css", "js")}
     assert shaders
-    assert shaders | schema | modules | {"asglight/viewer.py"} <= names
+    assert shaders | schema | modules | page | {"asglight/viewer.py"} <= names
     assert not any(name.startswith(("tests/", "viewer.py")) for name in names)

@@ -7,10 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from asglight.cli.frames import chosen_frames, warn_of_unread
-from asglight.cli.inputs import lit
 from asglight.cli.parser import add_follow_option, add_reading_options, add_rig_option
 from asglight.cli.printing import counted, frame_range, size
-from asglight.cli.progress import reporter
 from asglight.cli.reading import given, read_options
 from asglight.errors import InputError
 from asglight.export import SgLayout
@@ -109,6 +107,8 @@ def _check_reference(arguments: argparse.Namespace) -> None:
 
 def _write_page(arguments: argparse.Namespace, tracks: LobeTracks) -> None:
     """Write a page, with its reference where one was asked for."""
+    from asglight.cli.inputs import lit
+    from asglight.cli.progress import reporter
     from asglight.page.html import page_balls, write_page
     from asglight.page.reference import reference_of
 

@@ -25,13 +25,13 @@ from asglight.errors import InputError
 
 COMMANDS = {
     "fit": "fit lobes to an image or sequence and write them as USD lights",
-    "follow": "fit a live feed, print the lobes of each frame as JSON",
+    "follow": "fit a live feed, a line of JSON for each frame",
     "stitch": "join stages of parts of a shot that were fitted apart",
-    "resample": "write the light of a stage at another frame rate or speed",
+    "resample": "write a stage at another frame rate or speed",
     "keys": "cut lamps out of images as lights of a stage, and keep the rest",
     "eval": "measure the error of a stage against the images it was fitted to",
     "info": "show what a stage holds, or what is read of images",
-    "export": "write lobes for engines (JSON, GLSL) or PhySG and NeRD",
+    "export": "write a page, or lobes for engines, PhySG and NeRD",
     "import": "make a stage of lights of PhySG or NeRD",
     "view": "show lobes and images in a window, or write a picture of them",
     "compare": "set every method side by side on the same map and budget",

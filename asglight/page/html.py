@@ -13,7 +13,7 @@ import numpy as np
 from asglight.images.output import written_beside
 from asglight.lobes import LobeTracks
 from asglight.page.numbers import Numbers, numbers_of
-from asglight.page.reference import BALL, ROWS, Reference
+from asglight.page.reference import BALL, DARKEST, ROWS, Reference
 from asglight.page.shaders import es_shader
 from asglight.shader_files import VERTEX_SHADER, enum_number
 from asglight.viewer.albedo_values import SIZE, albedo_values
@@ -103,8 +103,8 @@ def _reference(reference: Reference) -> dict[str, Any]:
         "name": reference.name,
         "rows": ROWS,
         "ball": BALL,
-        "floor": reference.floor,
-        "stops": reference.stops,
+        "darkest": DARKEST,
+        "ranges": [[round(end, 4) for part in one for end in part] for one in reference.ranges],
         "errors": [
             {name: float(f"{value:.4g}") for name, value in one.items()} for one in reference.errors
         ],

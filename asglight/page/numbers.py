@@ -20,7 +20,6 @@ from asglight.lobes import Lobes, LobeTracks, asg
 from asglight.shader_files import enum_number
 from asglight.shading.rectified import irradiance_over_pi
 from asglight.shading.sheets import Sheets, amplitudes, sheets
-from asglight.sphere import latlong
 from asglight.viewer.ball_blocks import BALL, packed
 from asglight.viewer.balls import Ball
 from asglight.viewer.display import LUMINANCE
@@ -36,24 +35,29 @@ middle grey, where a photographer puts a matt white ball."""
 
 OF_SHEET = ("axis_z", "mean", "spread_x", "variance_z", "spread_y")
 OF_GGX_SHEET = ("axis_x", "disc_variance_x", "half_vector", "disc_variance_y")
-OF_BALL = ("slope_x", "slope_y", "narrow", "broad")
-"""Fields of `ball_blocks`, in the order in which the page has them: 11 numbers, after which come
-three of the light; 8; and, after the mean of Schlick's factor, 8."""
+OF_TILT = ("slope_x", "slope_y")
+"""Fields of `ball_blocks` in the order in which the page has them: 11 numbers, after which come
+three of the light; 8; and 6, which are those of the first ball: others have them multiplied."""
+
+STRAIGHT = 2.5e-4
+"""Of the map's width: a point of an outline that lies nearer to the line between its neighbours is
+left out. It is a quarter of a pixel of a map of 1,000."""
 
 Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """A shot as the page's script reads it.
+    """A shot as the page's script reads it: frame after frame what is lit, L sheets or lobes.
 
     Attributes:
-        sheets: Of every frame: 11 of `OF_SHEET`, 3 of light, 8 of `OF_GGX_SHEET`.  [F, M, 22]
-        layers: Of every frame and ball with a layer: 1 + 8 numbers.  [F, B, M, 9]
-        lobes: Of the map: axes, sharpness and amplitude, none narrower than a texel.  [F, N, 14]
-        outlines: Where lit lobes are on the map: of each curve its lobe, its count of points, and
-            u and v of each in 65535ths. 16 bits, little-endian, frame after frame.
-        balls: The blocks of the balls; cells and runs are the page's to fill.  bytes
+        sheets: 11 numbers of `OF_SHEET`, 3 of light, 8 of `OF_GGX_SHEET`, 6 of `OF_TILT`.  [L, 28]
+        layers: Of each ball with a layer: what the slopes are multiplied by, the mean of Schlick's
+            factor, the weights of both approximations.  [L, B, 4]
+        lobes: Of the map: axes, sharpness and amplitude, none narrower than a texel.  [L, 14]
+        outlines: Where lit lobes are on the map: of each curve its lobe, how many points, and u
+            and v of each in 65535ths. 16 bits, little-endian.
+        balls: The blocks of the balls; cells and runs are the page's to fill.
         document: What there is besides, as JSON values.
     """
 
@@ -76,27 +80,35 @@ def numbers_of(tracks: LobeTracks, balls: Sequence[Ball]) -> Numbers:
     frames = [tracks.lobes[place].to("cpu", torch.float64) for place in range(len(tracks.frames))]
     made = [sheets(lobes) for lobes in frames]
     light = [amplitudes(lobes) for lobes in frames]
+    lit = [(shine != 0).any(-1).numpy() for shine in light]
+    lit_lobes = [(lobes.amplitude > 0).any(-1).numpy() for lobes in frames]
     pairs = [_frame(one, shine, layered) for one, shine in zip(made, light, strict=True)]
-    cells = [(0, 0, 1)] * len(balls)
-    blocks = packed(made[0], light[0], balls, cells, light[0].shape[0], specialise=False)[2]
+    blocks = packed(
+        made[0], light[0], balls, [(0, 0, 1)] * len(balls), len(light[0]), specialise=False
+    )[2]
     assert blocks.dtype == BALL
-    window = made[0].window
     curves = [_outlines(lobes) for lobes in frames]
     return Numbers(
-        np.stack([pair[0] for pair in pairs]),
-        np.stack([pair[1] for pair in pairs]),
-        np.stack([_lobes(widened(lobes, MAP_ROWS)) for lobes in frames]),
+        np.concatenate([pair[0][mark] for pair, mark in zip(pairs, lit, strict=True)]),
+        np.concatenate([pair[1][mark] for pair, mark in zip(pairs, lit, strict=True)]),
+        np.concatenate(
+            [
+                _lobes(widened(lobes, MAP_ROWS))[mark]
+                for lobes, mark in zip(frames, lit_lobes, strict=True)
+            ]
+        ),
         b"".join(curves),
         blocks.tobytes(),
         {
             "form": str(tracks.lobes.form),
             "formNumber": enum_number(tracks.lobes.form),
-            "window": enum_number(window),
-            "sheetCount": int(light[0].shape[0]),
+            "window": enum_number(made[0].window),
+            "sheetCount": len(light[0]),
             "lobeCount": tracks.lobes.count,
+            "litSheets": [np.flatnonzero(one).tolist() for one in lit],
+            "litLobes": [np.flatnonzero(one).tolist() for one in lit_lobes],
             "mapRows": MAP_ROWS,
             "outlineBytes": [len(one) for one in curves],
-            "direction": [_rounded(_latlong_of(lobes).flatten()) for lobes in frames],
             "width": [_rounded(torch.rad2deg(half_angles(lobes)).flatten()) for lobes in frames],
             "frames": list(tracks.frames),
             "fps": tracks.fps,
@@ -109,17 +121,28 @@ def numbers_of(tracks: LobeTracks, balls: Sequence[Ball]) -> Numbers:
 
 
 def _frame(made: Sheets, light: torch.Tensor, layered: Sequence[Ball]) -> tuple[Array, Array]:
-    """Return the numbers of one frame.  [M, 22] and [B, M, 9]."""
+    """Return the numbers of one frame.  [M, 28] and [M, B, 4]."""
     count = len(light)
     cells = [(0, 0, 1)] * len(layered)
     sheet, ggx_sheet, _ = packed(made, light, layered, cells, count, specialise=False)
     shared = [sheet[name][0] for name in OF_SHEET]
-    shared += [sheet["light"][0, :, :3], *(ggx_sheet[name][0] for name in OF_GGX_SHEET)]
-    own = [sheet["grazing"], *(ggx_sheet[name] for name in OF_BALL)]
+    shared.append(sheet["light"][0, :, :3])
+    shared += [ggx_sheet[name][0] for name in (*OF_GGX_SHEET, *OF_TILT)]
+    own = [_factor(ggx_sheet), sheet["grazing"], ggx_sheet["narrow"], ggx_sheet["broad"]]
     return (
         np.concatenate([values.reshape(count, -1) for values in shared], axis=-1),
-        np.concatenate([values.reshape(len(layered), count, -1) for values in own], axis=-1),
+        np.stack([values.T for values in own], axis=-1),
     )
+
+
+def _factor(ggx_sheet: np.ndarray) -> np.ndarray:
+    """Return what the slopes of the first ball are multiplied by in each ball: their gain.  [B, M].
+
+    The larger of the two tells; slopes of no length stay so.
+    """
+    slopes = np.stack([ggx_sheet[name].astype(np.float64) for name in OF_TILT], axis=-2)
+    length = np.sqrt((slopes**2).sum((-2, -1)))
+    return (length / np.maximum(length[0], 1e-300)).astype(np.float32)
 
 
 def _lobes(lobes: Lobes) -> Array:
@@ -133,14 +156,18 @@ def _outlines(lobes: Lobes) -> bytes:
     curves = []
     for index, outline in enumerate(outlines(lobes)):
         for curve in outline.curves if bool((lobes.amplitude[index] > 0).any()) else ():
-            points = np.rint(65535 * np.clip(curve, 0, 1)).astype("<u2")
+            points = np.rint(65535 * np.clip(_thinned(curve), 0, 1)).astype("<u2")
             curves.append(np.array([index, len(points)], "<u2").tobytes() + points.tobytes())
     return b"".join(curves)
 
 
-def _latlong_of(lobes: Lobes) -> torch.Tensor:
-    """Return u and v of each lobe's direction.  [N, 2]."""
-    return torch.stack(latlong.uv_from_direction(lobes.axis_z), dim=-1)
+def _thinned(curve: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave out every second point that the line between its neighbours shows as well.  [K, 2]."""
+    before, point, after = curve[:-2:2], curve[1:-1:2], curve[2::2]
+    away = np.linalg.norm(point - (before + after) / 2, axis=-1)
+    keep = np.ones(len(curve), dtype=bool)
+    keep[1 : 1 + 2 * len(away) : 2] = away > STRAIGHT
+    return curve[keep]
 
 
 def _exposure(made: Sequence[Sheets], light: Sequence[torch.Tensor]) -> float:

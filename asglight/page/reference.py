@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reference of a page: its map and its balls in each frame, as a JPEG, and the errors.
 
-A JPEG has 8 bits. Radiance is stored as `log2(1 + x / floor)` over the range of the shot, in steps
-of some percent: enough for the eye at any exposure. Errors are computed of the maps themselves.
+A JPEG has 8 bits. The map and each ball have a range of their own, from `low` to `high`:
+
+    level = 16 + 239 (log2 x - low) / (high - low)       0 is black, and so is what is below 8
+
+A matt ball spans a few stops and has steps below a percent, a map with the sun in it some percent:
+enough for the eye at any exposure. Errors are computed of the maps themselves.
 
 Dimension letters: F frames, B balls.
 """
@@ -30,14 +34,18 @@ ROWS, BALL = 192, 96
 MATT_ROWS = 32
 """Of the map that lights the matt ball: its cosine is nearly straight over 6 degrees."""
 
-FLOOR = 2.0**-9
-"""Of the median radiance of the shot: what is darker than that by far is black."""
+RANGE_MAX = 24.0
+"""Stops from the brightest texel down to what is stored as black: the eye sees 14 at once."""
 
-QUALITY = "jpeg:88"
-"""Blocks of it are not seen at the map's size; 95 doubles the bytes."""
+DARKEST = 16
+"""Level of the darkest radiance that is not black: blocks of a JPEG stray by a few levels."""
 
-BATCH = 8
-"""Frames whose balls are rendered together: the kernels are then made once for all."""
+QUALITY = "jpeg:92"
+"""Blocks of it are not seen; 98 doubles the bytes."""
+
+BATCH = 32
+"""Frames whose balls are rendered together: their kernels, which take nearly all of the time, are
+made once for all; the maps of 32 frames are 50 MB."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +55,13 @@ class Reference:
     Attributes:
         name: Of the images.
         pictures: A JPEG a frame: the map, and below it the balls in a row.  F
-        floor: Radiance of the first step.
-        stops: What 255 stands for: `floor (2^stops - 1)`.
+        ranges: Low and high of the map and of each ball in each frame, in stops.  F, [1 + B, 2]
         errors: Of each frame, by name.  F
     """
 
     name: str
     pictures: list[bytes]
-    floor: float
-    stops: float
+    ranges: list[list[tuple[float, float]]]
     errors: list[dict[str, float]]
 
 
@@ -70,28 +76,36 @@ def reference_of(
         tracks: Their lobes.
         balls: White metal with a roughness, and matt white ones without.
     """
-    pictures: list[np.ndarray] = []
+    pictures: list[bytes] = []
+    ranges: list[list[tuple[float, float]]] = []
     errors: list[dict[str, float]] = []
     waiting: list[Tensor] = []
     for frame, radiance in zip(tracks.frames, maps, strict=True):
         errors.append(frame_errors(tracks.at(frame), radiance).values)
         waiting.append(radiance)
-        if len(waiting) == BATCH or frame == tracks.frames[-1]:
-            drawn = zip(waiting, _balls(waiting, balls), strict=True)
-            pictures += [_picture(one, shown) for one, shown in drawn]
-            waiting = []
-    floor, stops = _range(pictures)
-    return Reference(name, [_jpeg(one, floor, stops) for one in pictures], floor, stops, errors)
+        if len(waiting) < BATCH and frame != tracks.frames[-1]:
+            continue
+        for one, drawn in zip(waiting, _balls(waiting, balls), strict=True):
+            parts = [latlong.reduce(one, ROWS, 2 * ROWS), *drawn]
+            ranges.append([_range(part) for part in parts])
+            levels = [_levels(part, *own) for part, own in zip(parts, ranges[-1], strict=True)]
+            pictures.append(_jpeg(levels[0], np.concatenate(levels[1:], axis=1)))
+        waiting = []
+    return Reference(name, pictures, ranges, errors)
 
 
 def _balls(maps: Sequence[Tensor], balls: Sequence[Ball]) -> Tensor:
-    """Return the balls of some maps.  [F, B, S, S, 3]."""
+    """Return the balls of some maps; what lies around them has their mean.  [F, B, S, S, 3]."""
     roughness = [ball.roughness for ball in balls if ball.roughness is not None]
     rows = max(len(one) for one in maps)
     whole = torch.stack([latlong.reduce(one, rows, 2 * rows) for one in maps])
     layered = iter(render_balls(whole, roughness, size=BALL).unbind(1))
     matt = _matt(maps)
-    return torch.stack([matt if ball.roughness is None else next(layered) for ball in balls], dim=1)
+    rows_of = [matt if ball.roughness is None else next(layered) for ball in balls]
+    drawn = torch.stack(rows_of, dim=1)  # multiplied by the coverage, which the page does itself
+    share = coverage(BALL)[..., None]
+    mean = drawn.sum((2, 3), keepdim=True) / share.sum()
+    return torch.where(share > 0, drawn / share.clamp(min=1e-6), mean)
 
 
 def _matt(maps: Sequence[Tensor]) -> Tensor:
@@ -107,28 +121,29 @@ def _matt(maps: Sequence[Tensor]) -> Tensor:
     return result.reshape(-1, BALL, BALL, 3)
 
 
-def _picture(radiance: Tensor, balls: Tensor) -> np.ndarray:
-    """Put the map above its balls.  [H, W, 3], [B, S, S, 3] -> [ROWS + S, ., 3]."""
-    above = latlong.reduce(radiance, ROWS, 2 * ROWS).numpy()
-    below = np.concatenate(list(balls.numpy()), axis=1)
+def _range(radiance: Tensor) -> tuple[float, float]:
+    """Return low and high of a part, in stops; of a black one, any."""
+    lit = radiance[radiance > 0]
+    if not len(lit):
+        return 0.0, 1.0
+    high = math.log2(float(lit.max()))
+    low = max(math.log2(float(lit.min())), high - RANGE_MAX)
+    return low, max(high, low + 1e-3)
+
+
+def _levels(radiance: Tensor, low: float, high: float) -> np.ndarray:
+    """Return the levels of a part, 8 bits.  [H, W, 3]."""
+    stops = radiance.clamp(min=2.0**-100).log2()
+    levels = DARKEST + (255 - DARKEST) * (stops - low) / (high - low)
+    lit = torch.where(radiance > 0, levels.clamp(min=DARKEST), 0)
+    return lit.round().clamp(0, 255).to(torch.uint8).numpy()
+
+
+def _jpeg(above: np.ndarray, below: np.ndarray) -> bytes:
+    """Encode two pictures, one above the other."""
     width = max(above.shape[1], below.shape[1])
     sides = [np.pad(one, ((0, 0), (0, width - one.shape[1]), (0, 0))) for one in (above, below)]
-    return np.concatenate(sides)
-
-
-def _range(pictures: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return floor and stops of a shot."""
-    every = np.stack([picture[:ROWS].mean(-1) for picture in pictures])
-    lit = every[every > 0]
-    floor = float(np.median(lit)) * FLOOR if len(lit) else 1.0
-    peak = max(float(picture.max()) for picture in pictures)
-    return floor, max(math.log2(1 + peak / floor), 1.0)
-
-
-def _jpeg(picture: np.ndarray, floor: float, stops: float) -> bytes:
-    """Encode a picture."""
-    levels = np.log2(1 + picture / floor) / stops
-    image = np.rint(255 * np.clip(levels, 0, 1)).astype(np.uint8)
+    image = np.ascontiguousarray(np.concatenate(sides))
     spec = OpenImageIO.ImageSpec(image.shape[1], image.shape[0], 3, OpenImageIO.UINT8)
     spec["Compression"] = QUALITY
     spec["jpeg:subsampling"] = "4:4:4"

@@ -11,7 +11,7 @@
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   const floats = (text) => new Float32Array(bytes(text).buffer);
 
-  const SHEET = 22, LAYER = 9, LOBE = 14; // numbers of each, asglight/page/numbers.py
+  const SHEET = 28, LAYER = 4, LOBE = 14; // numbers of each, asglight/page/numbers.py
   const BALL_BYTES = 512, BLOCK_FLOATS = 16;
   const EXPOSURE_REACH = 10; // stops to either side of the one that the page opens with
   const COLUMNS_NARROW = 3, NARROW = 560; // balls a row on a telephone, CSS pixels
@@ -23,11 +23,18 @@
   const outlines = readOutlines();
   const ballCount = shot.roughness.length;
   const layerCount = shot.roughness.filter((one) => one !== null).length;
+  const firstSheet = starts(shot.litSheets), firstLobe = starts(shot.litLobes);
 
   const state = {
     place: startPlace(), playing: false, exposure: shot.exposure, filmic: false,
     solo: new Set(), hover: -1, map: "lobes", outlines: true,
   };
+
+  // Return where each frame begins among what is lit.
+  function starts(lit) {
+    let sum = 0;
+    return lit.map((one) => (sum += one.length) - one.length);
+  }
 
   // ---- WebGL ------------------------------------------------------------------------------------
 
@@ -74,7 +81,7 @@
     const texture = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, texture);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32F, width, height);
-    filtered(gl.NEAREST);
+    filtered(name === "lobes" && graphics.filters ? gl.LINEAR : gl.NEAREST);
     const framebuffer = found ? found.framebuffer : gl.createFramebuffer();
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
@@ -123,38 +130,34 @@
   // Return the sheets that a ball meets, in its order: narrow alone, both, broad alone.
   function runs(place, ball) {
     const groups = [[], [], []];
-    for (let sheet = 0; sheet < shot.sheetCount; ++sheet) {
-      const light = (place * shot.sheetCount + sheet) * SHEET + 11;
-      const isLit = data.sheets[light] || data.sheets[light + 1] || data.sheets[light + 2];
-      if (!isLit || !isShown(sheet % shot.lobeCount)) continue;
-      if (ball >= layerCount) {
-        groups[0].push(sheet);
-        continue;
-      }
-      const own = ((place * layerCount + ball) * shot.sheetCount + sheet) * LAYER;
-      const narrow = data.layers[own + 7], broad = data.layers[own + 8];
-      groups[broad === 0 ? 0 : narrow === 0 ? 2 : 1].push(sheet);
-    }
+    shot.litSheets[place].forEach((sheet, index) => {
+      if (!isShown(sheet % shot.lobeCount)) return; // all first sheets of lobes, then all second ones
+      const at = firstSheet[place] + index, own = (at * layerCount + ball) * LAYER;
+      const [narrow, broad] = ball < layerCount ? [data.layers[own + 2], data.layers[own + 3]] : [1, 0];
+      groups[broad === 0 ? 0 : narrow === 0 ? 2 : 1].push(at);
+    });
     const order = groups.flat();
     return { order, narrowStop: groups[0].length + groups[1].length, broadStart: groups[0].length };
   }
 
   // Lay out SheetsBlock and GgxSheetsBlock of shaders/balls.frag.
-  function sheetBlocks(place, ball, order) {
+  function sheetBlocks(ball, order) {
     const sheets = new Float32Array(shot.sheetCount * BLOCK_FLOATS);
     const layers = new Float32Array(shot.sheetCount * BLOCK_FLOATS);
     order.forEach((sheet, index) => {
-      const shared = (place * shot.sheetCount + sheet) * SHEET, at = index * BLOCK_FLOATS;
+      const shared = sheet * SHEET, at = index * BLOCK_FLOATS;
       sheets.set(data.sheets.subarray(shared, shared + 11), at);
       sheets.set(data.sheets.subarray(shared + 11, shared + 14), at + 12);
       layers.set(data.sheets.subarray(shared + 14, shared + 22), at);
       if (ball >= layerCount) return;
-      const own = ((place * layerCount + ball) * shot.sheetCount + sheet) * LAYER;
-      sheets[at + 11] = data.layers[own];
-      layers.set(data.layers.subarray(own + 1, own + 4), at + 8);
-      layers[at + 11] = data.layers[own + 7];
-      layers.set(data.layers.subarray(own + 4, own + 7), at + 12);
-      layers[at + 15] = data.layers[own + 8];
+      const [factor, grazing, narrow, broad] = data.layers.subarray((sheet * layerCount + ball) * LAYER);
+      sheets[at + 11] = grazing;
+      for (let i = 0; i < 3; ++i) {
+        layers[at + 8 + i] = factor * data.sheets[shared + 22 + i];
+        layers[at + 12 + i] = factor * data.sheets[shared + 25 + i];
+      }
+      layers[at + 11] = narrow;
+      layers[at + 15] = broad;
     });
     return [sheets, layers];
   }
@@ -176,11 +179,11 @@
     const numbers = new Float32Array(4 + shot.lobeCount * BLOCK_FLOATS);
     const whole = new Int32Array(numbers.buffer);
     let count = 0;
-    for (let lobe = 0; lobe < shot.lobeCount; ++lobe) {
-      const from = (place * shot.lobeCount + lobe) * LOBE, at = 4 + count * BLOCK_FLOATS;
+    shot.litLobes[place].forEach((lobe, index) => {
+      if (!isShown(lobe)) return;
+      const from = (firstLobe[place] + index) * LOBE, at = 4 + count * BLOCK_FLOATS;
       const [x, y, z, sharpness, light] = [[0, 3], [3, 6], [6, 9], [9, 11], [11, 14]]
         .map(([first, end]) => data.lobes.subarray(from + first, from + end));
-      if (!isShown(lobe) || !(light[0] || light[1] || light[2])) continue;
       numbers.set(x, at);
       numbers[at + 3] = sharpness[0];
       numbers.set(y, at + 4);
@@ -188,7 +191,7 @@
       numbers.set(z, at + 8);
       numbers.set(light, at + 12);
       ++count;
-    }
+    });
     whole[0] = count;
     whole[1] = shot.formNumber;
     return numbers;
@@ -223,7 +226,7 @@
     gl.uniform1i(gl.getUniformLocation(program, "u_albedo_table"), 0);
     cells.forEach((cell, ball) => {
       const run = runs(state.place, ball);
-      const [sheets, layers] = sheetBlocks(state.place, ball, run.order);
+      const [sheets, layers] = sheetBlocks(ball, run.order);
       block(program, "SheetsBlock", 0, sheets);
       block(program, "GgxSheetsBlock", 1, layers);
       block(program, "BallBlock", 2, ballBlock(ball, cell, run));
@@ -329,12 +332,25 @@
       canvas.height = image.height;
       const pen = canvas.getContext("2d", { willReadFrequently: true });
       pen.drawImage(image, 0, 0);
-      upload("map", pen.getImageData(0, 0, 2 * rows, rows), () => 1);
-      upload("truth", pen.getImageData(0, rows, ballCount * ball, ball), (x, y) => coverage(x % ball, y, ball));
+      const radiance = reference(place);
+      upload("map", pen.getImageData(0, 0, 2 * rows, rows), () => radiance[0], () => 1);
+      upload("truth", pen.getImageData(0, rows, ballCount * ball, ball),
+        (x) => radiance[1 + Math.floor(x / ball)], (x, y) => coverage(x % ball, y, ball));
       graphics.shownReference = place;
       draw();
     };
     image.src = `data:image/jpeg;base64,${shot.reference.pictures[place]}`;
+  }
+
+  // Return the radiance of each level, of the map and of every ball: asglight/page/reference.py.
+  function reference(place) {
+    const ends = shot.reference.ranges[place], tables = [];
+    for (let part = 0; part < ends.length; part += 2) {
+      const { darkest } = shot.reference, step = (ends[part + 1] - ends[part]) / (255 - darkest);
+      tables.push(Float32Array.from({ length: 256 }, (_, level) =>
+        level < darkest / 2 ? 0 : 2 ** (ends[part] + (level - darkest) * step)));
+    }
+    return tables;
   }
 
   // Share of a pixel that a ball covers, as shaders/balls.frag has it.
@@ -343,14 +359,14 @@
     return Math.min(1, Math.max(0, size / 2 - distance + 0.5));
   }
 
-  function upload(name, picture, alpha) {
+  // Make a texture of a picture: radiance of its levels, multiplied by the coverage.
+  function upload(name, picture, tableOf, coverageOf) {
     const { gl, filters } = graphics, { width, height, data: levels } = picture;
-    const { floor, stops } = shot.reference;
-    const radiance = Float32Array.from({ length: 256 }, (_, level) => floor * (2 ** (level / 255 * stops) - 1));
     const texels = new Float32Array(4 * width * height);
     for (let i = 0; i < width * height; ++i) {
-      for (let c = 0; c < 3; ++c) texels[4 * i + c] = radiance[levels[4 * i + c]];
-      texels[4 * i + 3] = alpha(i % width, Math.floor(i / width));
+      const x = i % width, table = tableOf(x), alpha = coverageOf(x, Math.floor(i / width));
+      for (let c = 0; c < 3; ++c) texels[4 * i + c] = alpha * table[levels[4 * i + c]];
+      texels[4 * i + 3] = alpha;
     }
     gl.bindTexture(gl.TEXTURE_2D, (graphics.images[name] ??= gl.createTexture()));
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, width, height, 0, gl.RGBA, gl.FLOAT, texels);
@@ -396,8 +412,8 @@
       `${shot.lobeCount} lobes of form ${shot.form}, ${lit} lit, flux ${total.toPrecision(4)}`;
     [...$("lobes").children].forEach((row, lobe) => {
       const button = row.firstChild, [colour, , share, size] = button.children;
-      const from = (place * shot.lobeCount + lobe) * LOBE + 11;
-      colour.style.background = hue(data.lobes.subarray(from, from + 3));
+      const from = (firstLobe[place] + shot.litLobes[place].indexOf(lobe)) * LOBE + 11;
+      colour.style.background = flux[lobe] > 0 ? hue(data.lobes.subarray(from, from + 3)) : "#000";
       share.textContent = flux[lobe] > 0 ? `${(100 * flux[lobe] / total).toFixed(1)} %` : "dark";
       const [x, y] = shot.width[place].slice(2 * lobe, 2 * lobe + 2);
       size.textContent = flux[lobe] > 0 ? `${(2 * Math.sqrt(x * y)).toPrecision(2)}\u00B0` : "";
@@ -407,7 +423,8 @@
     if (shot.reference) {
       const errors = shot.reference.errors[place];
       [...$("errors").tBodies[0].rows].forEach((row) => {
-        row.cells[1].textContent = `${(100 * errors[row.dataset.name]).toPrecision(3)} %`;
+        const percent = Math.abs(100 * errors[row.dataset.name]);
+        row.cells[1].textContent = percent < 0.01 ? "< 0.01 %" : `${percent.toPrecision(2)} %`;
       });
     }
   }
