@@ -102,16 +102,22 @@ def _toggle_background(state: ViewerState) -> None:
     state.environment.is_shown = not state.environment.is_shown
 
 
-def _toggle(chosen: set[int], state: ViewerState) -> None:
-    if state.selection.lobe is None:
-        state.message = "No lobe is selected. Click one in the map or in the list."
-    else:
-        chosen.symmetric_difference_update({state.selection.lobe})
+def _of_selected(action: Callable[[ViewerState, int], None]) -> Callable[[ViewerState], None]:
+    def _run(state: ViewerState) -> None:
+        if state.selection.lobe is None:
+            state.message = "No lobe is selected. Click one in the map or in the list."
+        else:
+            action(state, state.selection.lobe)
+
+    return _run
+
+
+def _toggle_solo(state: ViewerState, lobe: int) -> None:
+    state.selection.solo.symmetric_difference_update({lobe})
 
 
 def _all_lobes(state: ViewerState) -> None:
     state.selection.solo.clear()
-    state.selection.muted.clear()
     state.select(None)
 
 
@@ -176,14 +182,15 @@ COMMANDS = (
     Command("Look", "V", "Camera and environment at rest", lambda s: s.camera.reset()),
     Command("Compare", "R", "Next comparison", _next_comparison),
     Command("Compare", "Shift+R", "Total, fit error or shading error", _next_subject),
-    Command("Lobes", "S", "Solo the selected lobe", lambda s: _toggle(s.selection.solo, s)),
-    Command("Lobes", "X", "Mute the selected lobe", lambda s: _toggle(s.selection.muted, s)),
-    Command("Lobes", "Escape", "All lobes, none selected", _all_lobes),
+    Command("Lobes", "S", "Solo the selected lobe", _of_selected(_toggle_solo)),
+    Command("Lobes", "X", "Mute the selected lobe", _of_selected(ViewerState.toggle_mute)),
+    Command("Lobes", "Escape", "End the solo, select none", _all_lobes),
     Command("Lobes", "Ctrl+Z", "Undo", _undo, repeats=True),
     Command("Lobes", "Ctrl+Shift+Z", "Redo", _redo, repeats=True),
     Command("File", "Ctrl+O", "Open", _request(Request.OPEN)),
     Command("File", "Ctrl+S", "Save the edits as a layer", _request(Request.SAVE_EDITS)),
     Command("File", "Ctrl+P", "Save the picture", _request(Request.SAVE_PICTURE)),
+    Command("File", "Ctrl+Q", "Quit", _request(Request.QUIT)),
     Command("Window", "Tab", "Panels", _toggle_panels),
     Command("Window", "F1", "List of keys", _toggle_help),
 )

@@ -30,7 +30,7 @@ from asglight.viewer.passes import (
     display_target,
     release_target,
 )
-from asglight.viewer.state import Compared, ViewerState
+from asglight.viewer.state import ViewerState
 
 
 @dataclass
@@ -97,7 +97,7 @@ class Renderer:
             divisor = self._draft.divisor
             with self._stopwatch:
                 self._last = self._pair(state, (-(-size[0] // divisor), -(-rows // divisor)))
-        return self._bring("balls", state, state.compared, self._last, self._versions(), size)
+        return self._bring("balls", state, state.shown, self._last, self._versions(), size)
 
     def _wants_draft(self, state: ViewerState) -> bool:
         """Tell whether the light moves: an exposure that is dragged shades nothing anew."""
@@ -123,7 +123,7 @@ class Renderer:
             reference = Picture(self._reference_map.texture)
         pair = Picture(self._lobes_map.texture), reference
         versions = self._lobes_map.version, self._reference_map.version
-        return self._bring("map", state, state.map_view, pair, versions, size)
+        return self._bring("map", state, state.shown_map, pair, versions, size)
 
     @property
     def shown_balls(self) -> moderngl.Framebuffer:
@@ -244,17 +244,18 @@ class Renderer:
         self,
         name: str,
         state: ViewerState,
-        compared: Compared,
+        wanted: Comparison,
         pair: tuple[Picture, Picture | None],
         versions: tuple[int, ...],
         size: tuple[int, int],
     ) -> moderngl.Framebuffer:
         """Draw pictures in the screen's colours, if they or what is wanted of them changed."""
         fit, reference = pair
-        comparison = Comparison.FIT if reference is None else compared.shown
+        comparison = Comparison.FIT if reference is None else wanted
+        wipe = state.compared.wipe if name == "balls" else state.map_view.wipe
         shown = self._shown[name]
         textures = tuple(map(Held, (*fit, *(reference or ()))))
-        key = (textures, versions, *_display_key(state), comparison, compared.wipe)
+        key = (textures, versions, *_display_key(state), comparison, wipe)
         if not shown.needs(key, size):
             return shown.target
         columns, rows = size
@@ -273,7 +274,7 @@ class Renderer:
                 part,
                 shown.target,
                 gain_ev=state.environment.intensity_ev,
-                wipe=compared.wipe,
+                wipe=wipe,
                 area=area,
             )
         self.displayed += 1

@@ -2,6 +2,7 @@
 """How hello_imgui runs the window: its loop, its layout, its OpenGL."""
 
 import warnings
+from pathlib import Path
 
 from imgui_bundle import hello_imgui, imgui, immapp
 
@@ -10,14 +11,18 @@ import glfw  # isort: skip
 
 from asglight.errors import InputError
 from asglight.viewer.context import GL_VERSION
+from asglight.viewer.io.documents import Opener
 from asglight.viewer.session import Session
-from asglight.viewer.window import Opener, Window
+from asglight.viewer.window import Window
 
 FPS_MAX = 60.0
 """Pictures per second at most: without vertical sync the loop would take all of a core."""
 
 FPS_IDLE = 5.0
 """Pictures per second while nothing changes."""
+
+
+_CONFIG = hello_imgui.IniFolderType.app_user_config_folder
 
 
 def show(session: Session, opener: Opener, size: tuple[int, int]) -> None:
@@ -38,7 +43,8 @@ def show(session: Session, opener: Opener, size: tuple[int, int]) -> None:
                 "window: no display; expected a desktop session. "
                 "Use --screenshot, which needs no display."
             )
-    run(Window(session, opener), size)
+    kept = Path(hello_imgui.ini_folder_location(_CONFIG)) / "asglight" / "unsaved"
+    run(Window(session, opener, kept), size)
 
 
 def run(
@@ -79,7 +85,7 @@ def runner_params(
     params = hello_imgui.RunnerParams()
     params.app_window_params.window_title = f"{window.session.title} - asglight"
     params.app_window_params.window_geometry.size = size
-    params.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder
+    params.ini_folder_type = _CONFIG
     params.ini_filename = "asglight/viewer.ini"
     options = params.renderer_backend_options.open_gl_options
     options.major_version, options.minor_version = GL_VERSION
@@ -91,6 +97,7 @@ def runner_params(
     params.callbacks.post_init = window.opened
     params.callbacks.pre_new_frame = window.guarded(window.before_picture)
     params.callbacks.before_exit = window.closed
+    params.callbacks.confirm_exit = window.confirm_exit
     kinds = hello_imgui.DefaultImGuiWindowType
     if is_bare:
         params.imgui_window_params.default_imgui_window_type = kinds.provide_full_screen_window
@@ -99,6 +106,7 @@ def runner_params(
     params.imgui_window_params.default_imgui_window_type = kinds.provide_full_screen_dock_space
     params.imgui_window_params.show_menu_bar = True
     params.imgui_window_params.show_menu_app = False
+    params.imgui_window_params.show_menu_view = False
     params.imgui_window_params.show_status_bar = True
     params.imgui_window_params.show_status_fps = False
     params.callbacks.show_menus = window.guarded(window.menus)

@@ -5,7 +5,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from enum import Enum, auto
+from enum import Enum, StrEnum, auto
 
 import numpy as np
 import torch
@@ -23,7 +23,7 @@ from asglight.viewer.display import (
     Subject,
 )
 from asglight.viewer.editing import Editing
-from asglight.viewer.edits import EditHistory
+from asglight.viewer.edits import EditHistory, toggle_mute
 from asglight.viewer.picking import energies
 from asglight.viewer.playback import Playback
 from asglight.viewer.reference import Reference
@@ -49,6 +49,14 @@ class Request(Enum):
     OPEN = auto()
     SAVE_EDITS = auto()
     SAVE_PICTURE = auto()
+    QUIT = auto()
+
+
+class Theme(StrEnum):
+    """Colours of the window around the pictures."""
+
+    DARK = "dark"
+    LIGHT = "light"
 
 
 @dataclass
@@ -66,21 +74,15 @@ class Environment:
 
 @dataclass
 class Selection:
-    """Which lobes are looked at, and which light.
+    """Which lobes are looked at: a matter of the view; muting is an edit (edits.py).
 
     Attributes:
         lobe: Index of the selected one.
         solo: While there are any, only these light.
-        muted: These do not.
     """
 
     lobe: int | None = None
     solo: set[int] = field(default_factory=set)
-    muted: set[int] = field(default_factory=set)
-
-    def lights(self, lobe: int) -> bool:
-        """Tell whether a lobe takes part."""
-        return lobe not in self.muted and (not self.solo or lobe in self.solo)
 
 
 @dataclass
@@ -145,6 +147,7 @@ class ViewerState:
         base_colour: Their colour, linear RGB.
         is_dragging: Whether the mouse changes something at this moment.
         has_panels: Whether the panels are shown beside the balls.
+        theme: Colours of the window.
         has_help: Whether the list of keys is shown.
         message: One line about what was done or went wrong last.
         inspected: What the pointer was over last.
@@ -179,6 +182,7 @@ class ViewerState:
         self.base_colour: Rgb = WHITE
         self.is_dragging = False
         self.has_panels = True
+        self.theme = Theme.DARK
         self.has_help = False
         self.message = ""
         self.editing = Editing()
@@ -214,9 +218,9 @@ class ViewerState:
         self.map_view.comparison = Comparison.REFERENCE if references else Comparison.FIT
 
     def replace_tracks(self, tracks: LobeTracks) -> None:
-        """Take over newer lobes; edits of the older ones are dropped, the playhead stays."""
+        """Take over newer lobes, with the edits that were made to the older ones."""
         had_lobes = self.tracks.lobes.count > 0
-        self.history = EditHistory(tracks)
+        self.history = self.history.over(tracks)
         if not had_lobes:
             self.select(self._brightest())
         if tracks.frames != self.playback.frames:
@@ -242,7 +246,18 @@ class ViewerState:
     @property
     def lit(self) -> tuple[int, ...]:
         """Indices of the lobes that light: neither muted nor outside a solo."""
-        return tuple(filter(self.selection.lights, range(self.tracks.lobes.count)))
+        lobes, solo = range(self.tracks.lobes.count), self.selection.solo
+        muted = self.history.muted
+        return tuple(n for n in lobes if n not in muted and (not solo or n in solo))
+
+    def lights(self, lobe: int) -> bool:
+        """Tell whether a lobe takes part."""
+        return lobe in self.lit
+
+    def toggle_mute(self, lobe: int) -> None:
+        """Mute a lobe, or let it light again: an edit as any other."""
+        self.history.commit()
+        self.history.add(toggle_mute(lobe))
 
     @property
     def lit_lobes(self) -> Lobes:
@@ -261,13 +276,18 @@ class ViewerState:
 
     @property
     def shown(self) -> Comparison:
-        """What the balls show of fit and reference: without a reference, the fit."""
-        return self.compared.shown if self.references is not None else Comparison.FIT
+        """What the balls show: without a reference the fit, without any lobe the reference."""
+        return self._shown(self.compared)
 
     @property
     def shown_map(self) -> Comparison:
         """What the map shows of them."""
-        return self.map_view.shown if self.references is not None else Comparison.FIT
+        return self._shown(self.map_view)
+
+    def _shown(self, compared: Compared) -> Comparison:
+        if self.references is None:
+            return Comparison.FIT
+        return compared.shown if self.tracks.lobes.count else Comparison.REFERENCE
 
     @property
     def reference_image(self) -> np.ndarray | None:

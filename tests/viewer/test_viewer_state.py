@@ -62,7 +62,8 @@ def test_solo_and_mute_decide_which_lobes_light(
 ) -> None:
     state = ViewerState(two_lamps)
     state.selection.solo.update(solo)
-    state.selection.muted.update(muted)
+    for lobe in muted:
+        state.toggle_mute(lobe)
     assert state.lit == lit
     torch.testing.assert_close(state.lit_lobes.axes, state.lobes.axes[list(lit)])
 
@@ -74,7 +75,8 @@ def test_metering_brings_the_mean_radiance_to_middle_grey(two_lamps: LobeTracks)
     flux = asg.flux(state.lobes).sum(0) @ torch.tensor([0.2126, 0.7152, 0.0722])
     exposed = float(flux) / (4 * math.pi) * 2.0 ** (state.display.exposure_ev + 1)
     assert abs(math.log2(exposed / 0.18)) <= 0.25  # half a step of the key
-    state.selection.muted.update((0, 1))
+    state.toggle_mute(0)
+    state.toggle_mute(1)
     assert not state.meter()
 
 
@@ -142,7 +144,8 @@ def test_commands_without_effect_say_so(two_lamps: LobeTracks, name: str, messag
 
 def test_metering_the_dark_says_so(two_lamps: LobeTracks) -> None:
     state = ViewerState(two_lamps)
-    state.selection.muted.update((0, 1))
+    state.toggle_mute(0)
+    state.toggle_mute(1)
     command("Expose the mean radiance to middle grey").run(state)
     assert state.message == "No light to meter."
 

@@ -68,11 +68,14 @@ def _row(state: ViewerState, lobe: int, share: float) -> None:
     imgui.progress_bar(share, ImVec2(-1, imgui.get_font_size()), f"{100 * share:.1f} %")
     for chosen, label, name in (
         (selection.solo, "S", "Solo the selected lobe"),
-        (selection.muted, "M", "Mute the selected lobe"),
+        (state.history.muted, "M", "Mute the selected lobe"),
     ):
         imgui.table_next_column()
         if _switch(label, lobe in chosen):
-            chosen.symmetric_difference_update({lobe})
+            if label == "M":
+                state.toggle_mute(lobe)
+            else:
+                selection.solo.symmetric_difference_update({lobe})
         entry = command(name)
         widgets.tooltip(entry.name.replace("the selected", "this"), f"{entry.keys}, when selected")
     imgui.pop_id()

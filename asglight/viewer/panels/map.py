@@ -65,10 +65,11 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     draw = imgui.get_window_draw_list()
     end = ImVec2(origin.x + points[0], origin.y + points[1])
     draw.push_clip_rect(origin, end, True)
+    lit = state.lit
     for index, outline in enumerate(_outlines(Held(state.tracks), state.playback.index)):
         is_selected = index == state.selection.lobe
         shade = widgets.ACCENT if is_selected else widgets.FAINT
-        colour = widgets.colour(shade, 1.0 if state.selection.lights(index) else 0.35)
+        colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
         for line in outline.curves:
             _polyline(draw, line, origin, points, colour, 2.0 if is_selected else 1.0)
         if is_selected:

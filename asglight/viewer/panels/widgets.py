@@ -41,14 +41,33 @@ def chord(keys: str) -> int:
 
 
 def handle_keys(state: ViewerState, flip_key: str) -> None:
-    """Run the commands whose keys are pressed; text fields keep their keys."""
+    """Run the commands whose keys are pressed.
+
+    Text fields keep their keys, and so does what has to be answered first. Escape closes what
+    stands open - a menu, a list, a picker, the list of keys - before it means anything else.
+    """
+    if imgui.internal.get_top_most_popup_modal() is not None:
+        return
+    was_closed = imgui.is_key_pressed(imgui.Key.escape, False) and _close_topmost(state)
     for entry in COMMANDS:
+        if was_closed and entry.keys == "Escape":
+            continue
         flags = _EVERYWHERE | (_REPEAT if entry.repeats else 0)
         if imgui.shortcut(chord(entry.keys), flags):
             entry.run(state)
     is_typing = imgui.get_io().want_text_input
     is_flipped = not is_typing and imgui.is_key_down(imgui.Key(chord(flip_key)))
     state.compared.is_flipped = state.map_view.is_flipped = is_flipped
+
+
+def _close_topmost(state: ViewerState) -> bool:
+    """Close the popup that was opened last, else the list of keys; tell whether there was one."""
+    popups = len(list(imgui.get_current_context().open_popup_stack))
+    if popups:
+        imgui.internal.close_popup_to_level(popups - 1, True)
+        return True
+    was_open, state.has_help = state.has_help, False
+    return was_open
 
 
 def em(count: float) -> float:
@@ -103,6 +122,21 @@ def slider(
     )
     tooltip(f"{explanation}\nCtrl+click: type a number", keys)
     return changed, value
+
+
+def line(name: str, text: str, is_selected: bool) -> bool:
+    """Show a line of a list, whatever it says: a label would end before `##`.
+
+    Returns:
+        Whether it was clicked, once or twice.
+    """
+    flags = int(imgui.SelectableFlags_.span_all_columns) | int(
+        imgui.SelectableFlags_.allow_double_click
+    )
+    clicked, _ = imgui.selectable(name, is_selected, flags)
+    imgui.same_line(0, 0)
+    imgui.text(text)
+    return clicked
 
 
 def colour(vector: ImVec4, alpha: float = 1.0) -> int:
