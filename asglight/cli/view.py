@@ -32,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--live", action="store_true", help="fit the images while they are shown")
     add("--lobes", type=int, metavar="N", help="number of lobes of a live fit (default: 15)")
     add_input_options(parser)
-    add("--frame", type=int, metavar="N", help="frame to show first (default: the first)")
+    frame = "frame to show, or a time between two such as 1012.5 (default: the first)"
+    add("--frame", type=_frame, metavar="N", help=frame)
     add("--screenshot", type=Path, metavar="PNG", help="write the window to a file; no display")
     add("--bare", action="store_true", help="with --screenshot: the balls alone, no panels")
     add("--size", type=_size, default=SIZE, metavar="WxH", help="window (default: 1600x1000)")
@@ -83,6 +84,15 @@ def _size(text: str) -> tuple[int, int]:
     if not all(1 <= side <= SIZE_MAX for side in size):
         raise argparse.ArgumentTypeError(f"{text!r}; expected sides of 1 to {SIZE_MAX} texels")
     return size
+
+
+def _frame(text: str) -> float:
+    """Read a frame number or a time between two."""
+    with contextlib.suppress(ValueError):
+        value = float(text)
+        if math.isfinite(value):
+            return value
+    raise argparse.ArgumentTypeError(f"{text!r}; expected a frame such as 1012, or 1012.5")
 
 
 def _exposure(text: str) -> float:

@@ -17,12 +17,12 @@ _EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL"}
 """Packages that only the viewer needs."""
 
 
-def set_up(session: Session, frame: int | None, exposure_ev: float | None) -> None:
+def set_up(session: Session, frame: float | None, exposure_ev: float | None) -> None:
     """Bring a new session into the state that the command line asks for.
 
     Args:
         session: Changed in place.
-        frame: Frame to show; None for the first.
+        frame: Frame to show, or a time between two; None for the first.
         exposure_ev: Stops; None to meter the first light.
 
     Raises:
@@ -32,9 +32,11 @@ def set_up(session: Session, frame: int | None, exposure_ev: float | None) -> No
     session.meters = exposure_ev is None
     state.display.exposure_ev = exposure_ev or 0.0
     if frame is not None:
-        if frame not in state.playback.frames:
-            raise InputError(_missing_frame(frame, session.title, state.playback.frames))
-        state.playback.go_to(frame)
+        frames = state.playback.frames
+        is_between = frame != int(frame) and frames[0] < frame < frames[-1]
+        if frame not in frames and not is_between:
+            raise InputError(_missing_frame(frame, session.title, frames))
+        state.playback.go_to_time(frame)
 
 
 def show(session: Session, opener: Callable[[str], Session | None], size: tuple[int, int]) -> None:
@@ -98,9 +100,9 @@ def check() -> int:
     return 1 if failures else 0
 
 
-def _missing_frame(frame: int, title: str, frames: tuple[int, ...]) -> str:
+def _missing_frame(frame: float, title: str, frames: tuple[int, ...]) -> str:
     held = f"{frames[0]}-{frames[-1]}, {len(frames)} frames"
-    return f"--frame {frame}: not in {title}; expected one that it holds ({held})."
+    return f"--frame {frame:.10g}: not in {title}; expected one that it holds ({held})."
 
 
 @contextlib.contextmanager

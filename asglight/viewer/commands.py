@@ -147,11 +147,18 @@ COMMANDS = (
     Command("Time", "Space", "Play or pause", _toggle_play),
     Command("Time", "Right", "Next frame", lambda s: s.playback.step(1), repeats=True),
     Command("Time", "Left", "Previous frame", lambda s: s.playback.step(-1), repeats=True),
+    Command(
+        "Time", "Shift+Right", "Half a frame on", lambda s: s.playback.step_half(1), repeats=True
+    ),
+    Command(
+        "Time", "Shift+Left", "Half a frame back", lambda s: s.playback.step_half(-1), repeats=True
+    ),
     Command("Time", "Home", "First frame", lambda s: s.playback.go_to(s.playback.frames[0])),
     Command("Time", "End", "Last frame", lambda s: s.playback.go_to(s.playback.frames[-1])),
     Command("Time", "I", "In point here", lambda s: s.playback.mark_in()),
     Command("Time", "O", "Out point here", lambda s: s.playback.mark_out()),
     Command("Time", "Shift+I", "All frames between in and out", lambda s: s.playback.clear_marks()),
+    Command("Time", "Shift+F", "All of the shot in the timeline", lambda s: s.span.show_all()),
     Command("Time", "L", "Loop", _toggle_loop),
     Command("Time", "P", "Real time (drops frames) or every frame", _next_pace),
     Command("Look", "E", "Brighter", lambda s: s.display.expose(EXPOSURE_EV_STEP), repeats=True),
@@ -181,7 +188,7 @@ COMMANDS = (
     ),
     Command("Look", "V", "Camera and environment at rest", lambda s: s.camera.reset()),
     Command("Compare", "R", "Next comparison", _next_comparison),
-    Command("Compare", "Shift+R", "Total, fit error or shading error", _next_subject),
+    Command("Compare", "Shift+R", "Overall, fit only or shading only", _next_subject),
     Command("Lobes", "S", "Solo the selected lobe", _of_selected(_toggle_solo)),
     Command("Lobes", "X", "Mute the selected lobe", _of_selected(ViewerState.toggle_mute)),
     Command("Lobes", "Escape", "End the solo, select none", _all_lobes),

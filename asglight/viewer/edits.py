@@ -182,6 +182,11 @@ class EditHistory:
         return self._shown
 
     @property
+    def committed(self) -> LobeTracks:
+        """The tracks with the edits that are steps: what a live edit starts from."""
+        return self._committed
+
+    @property
     def edits(self) -> tuple[Edit, ...]:
         """The edits that are in force, the live one last."""
         live = () if self._live is None else (self._live,)

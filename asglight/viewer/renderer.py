@@ -67,6 +67,7 @@ class Renderer:
         self._lobes_image: tuple[Any, np.ndarray] | None = None
         self._shown = {name: _Shown(context) for name in ("balls", "map")}
         self._last: tuple[Picture, Picture | None] | None = None
+        self._pixel: tuple[Any, tuple[np.ndarray | None, np.ndarray | None]] | None = None
         self._errors: tuple[Any, list[float | None]] | None = None
         self._light: Any = None
         self._is_draft = False
@@ -149,6 +150,13 @@ class Renderer:
         ]
         return found[0], found[1]
 
+    def probed(self, x: float, y: float) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Return what `pixel` returns, read again only where the picture is another one."""
+        key = (x, y, self._versions(), tuple(map(Held, self._last or ())))
+        if self._pixel is None or self._pixel[0] != key:
+            self._pixel = key, self.pixel(x, y)
+        return self._pixel[1]
+
     def ball_errors(self, state: ViewerState) -> list[float | None] | None:
         """Return the relative L1 error of each ball of the pair that is compared.
 
@@ -161,7 +169,8 @@ class Renderer:
         """
         quarter = int(4 * self.reference_progress)
         fit, reference = self._last or (None, None)
-        if fit is None or reference is None or quarter == 0 or state.is_moving:
+        waits = quarter == 0 or state.is_moving or not state.is_fitted
+        if fit is None or reference is None or waits:
             return None
         if fit.front.size != reference.front.size:  # the reference is still being read
             return None
@@ -201,7 +210,7 @@ class Renderer:
         """Add samples to the balls under the lobes' map or the image, and return them."""
         if of_lobes not in self._integrals:
             self._integrals[of_lobes] = Integral(self._context, self._albedo_table)
-        name: Any = "map", Held(state.references), state.playback.frame
+        name: Any = "map", Held(state.references), state.playback.time
         if of_lobes:
             key = lobes_key(state)
             if self._lobes_image is None or self._lobes_image[0] != key:

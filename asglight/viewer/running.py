@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How hello_imgui runs the window: its loop, its layout, its OpenGL."""
 
+import tempfile
 import warnings
 from pathlib import Path
 
@@ -43,7 +44,8 @@ def show(session: Session, opener: Opener, size: tuple[int, int]) -> None:
                 "window: no display; expected a desktop session. "
                 "Use --screenshot, which needs no display."
             )
-    kept = Path(hello_imgui.ini_folder_location(_CONFIG)) / "asglight" / "unsaved"
+    folder = settings_folder()
+    kept = None if settings_finding(folder) else folder / "unsaved"
     run(Window(session, opener, kept), size)
 
 
@@ -62,6 +64,10 @@ def run(
         InputError: There is no OpenGL that is new enough.
     """
     params = runner_params(window, size, is_bare=is_bare)
+    finding = "" if is_hidden else settings_finding(settings_folder())
+    if finding:
+        params.ini_disable = True
+        window.state.message = finding
     if is_hidden:
         params.ini_disable = params.app_window_params.hidden = True
         params.fps_idling.enable_idling, params.fps_idling.fps_max = False, 0.0
@@ -76,6 +82,24 @@ def run(
             "Update the graphics driver; --check says what it has."
         ) from error
     window.raise_failure()
+
+
+def settings_folder() -> Path:
+    """Return where settings, layout, recent files and unsaved edits are kept."""
+    return Path(hello_imgui.ini_folder_location(_CONFIG)) / "asglight"
+
+
+def settings_finding(folder: Path) -> str:
+    """Return why nothing can be kept in a folder, in one line; empty where it can."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return ""
+    except OSError as error:
+        return (
+            f"{folder}: cannot be written ({error.strerror}); settings, layout, recent files and "
+            "unsaved edits are not kept. Make the folder writable."
+        )
 
 
 def runner_params(

@@ -44,6 +44,9 @@ _THEMES = {
     Theme.DARK: hello_imgui.ImGuiTheme_.imgui_colors_dark,
     Theme.LIGHT: hello_imgui.ImGuiTheme_.imgui_colors_light,
 }
+_UNSCROLLED = {_BALLS, "Timeline", "Map", "Curves"}
+"""Panels that fill their room; the wheel does something else in them."""
+
 _RECENT, _SETTINGS = "recent", "settings"
 
 
@@ -139,10 +142,16 @@ class Window:
             ("Lobes", "LobesSpace", lambda: lobes(self.state)),
             ("Inspector", "InspectorSpace", lambda: inspector(self.state)),
         )
-        return [
+        windows = [
             hello_imgui.DockableWindow(name, space, self.guarded(draw))
             for name, space, draw in drawers
         ]
+        for window in windows:
+            if window.label in _UNSCROLLED:
+                window.imgui_window_flags = int(imgui.WindowFlags_.no_scrollbar) | int(
+                    imgui.WindowFlags_.no_scroll_with_mouse
+                )
+        return windows
 
     def bare(self) -> None:
         """Draw the balls alone, over all of the window."""
@@ -151,7 +160,7 @@ class Window:
 
     def status(self) -> None:
         """Draw the line at the bottom."""
-        help_panel.status_line(self.state, self.session, self.renderer)
+        help_panel.status_line(self.state, self.session)
 
     def menus(self) -> None:
         """Draw the menus."""

@@ -15,7 +15,7 @@ from asglight.viewer.state import ViewerState
 DECADES = 5
 """Below the brightest lobe; darker ones, and those that are out, run along the floor."""
 
-TITLES = ("amplitude", "sharpness", "turn (deg)")
+TITLES = ("amplitude", "sharpness", "direction change (deg)")
 
 
 def curves(state: ViewerState) -> None:
@@ -78,7 +78,7 @@ def _plot(
         spec.line_color = widgets.ACCENT if is_selected else ImVec4(0.7, 0.75, 0.8, 0.35)
         spec.line_weight = 2.0 if is_selected else 1.0
         implot.plot_line(state.lobe_names[lobe], frames, values, spec)
-    moved, frame, *_ = implot.drag_line_x(0, float(state.playback.frame), widgets.ACCENT)
+    moved, frame, *_ = implot.drag_line_x(0, state.playback.time, widgets.ACCENT)
     if moved:
         state.playback.go_to(round(frame))
     implot.end_plot()

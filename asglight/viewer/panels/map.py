@@ -7,17 +7,21 @@ import numpy as np
 import torch
 from imgui_bundle import ImVec2, imgui
 
+from asglight.lobes import Lobes
 from asglight.sphere import latlong
 from asglight.viewer import outlines
 from asglight.viewer.held import Held
-from asglight.viewer.inspector import inspect_map
 from asglight.viewer.panels import legend, widgets
 from asglight.viewer.picking import pick
 from asglight.viewer.renderer import Renderer
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state import Probe, ViewerState
 
 CLICK_POINTS = 4.0
-"""A press that moves less than this is a click."""
+"""As far from a small lobe a click still means it."""
+
+STILL_EM = 0.7
+"""Heights of the font by which a pressed pointer has to move before it turns a lobe: a hand
+trembles by a few points, with a pen by more."""
 
 
 def latlong_map(state: ViewerState, renderer: Renderer) -> None:
@@ -46,14 +50,14 @@ def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     if not (imgui.is_item_hovered() or imgui.is_item_active()):
         return
     place = _place(imgui.get_mouse_pos(), origin, points)
-    state.inspected = inspect_map(state, *place)
+    state.probe = Probe("map", *place)
     editing = state.editing
     tolerance = CLICK_POINTS * np.pi / points[1]
     if imgui.is_item_activated():
         state.select(pick(state.lobes, _direction(place).tolist(), tolerance))
         editing.drag_from = _direction(place).tolist()
     if imgui.is_item_active() and state.selection.lobe is not None:
-        delta = imgui.get_mouse_drag_delta(imgui.MouseButton_.left, CLICK_POINTS)
+        delta = imgui.get_mouse_drag_delta(imgui.MouseButton_.left, widgets.em(STILL_EM))
         if delta.x or delta.y:
             target = _direction(place).tolist()
             editing.turn_to(state.history, state.selection.lobe, state.playback.index, target)
@@ -66,7 +70,7 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     end = ImVec2(origin.x + points[0], origin.y + points[1])
     draw.push_clip_rect(origin, end, True)
     lit = state.lit
-    for index, outline in enumerate(_outlines(Held(state.tracks), state.playback.index)):
+    for index, outline in enumerate(_outlines(Held(state.lobes))):
         is_selected = index == state.selection.lobe
         shade = widgets.ACCENT if is_selected else widgets.FAINT
         colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
@@ -82,9 +86,9 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
 
 
 @lru_cache(maxsize=2)
-def _outlines(tracks: Held, index: int) -> list[outlines.Outline]:
+def _outlines(lobes: Held[Lobes]) -> list[outlines.Outline]:
     """Return the outlines of a frame; a thousandth of a second each, so that they are kept."""
-    return outlines.outlines(tracks.value.lobes[index])
+    return outlines.outlines(lobes.value)
 
 
 def _polyline(

@@ -4,6 +4,7 @@
 from enum import StrEnum
 from typing import TypeVar
 
+import numpy as np
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from asglight.viewer.commands import COMMANDS, Command, command
@@ -139,9 +140,31 @@ def line(name: str, text: str, is_selected: bool) -> bool:
     return clicked
 
 
+def ink(alpha: float) -> int:
+    """Return the colour of the theme's text, more or less faint, as draw lists take it."""
+    text = imgui.get_style_color_vec4(imgui.Col_.text)
+    return imgui.get_color_u32(ImVec4(text.x, text.y, text.z, alpha))
+
+
+def wants_reset() -> bool:
+    """Tell whether the last widget was right-clicked."""
+    return imgui.is_item_clicked(imgui.MouseButton_.right)
+
+
 def colour(vector: ImVec4, alpha: float = 1.0) -> int:
     """Return a colour as draw lists take it."""
     return imgui.get_color_u32(ImVec4(vector.x, vector.y, vector.z, vector.w * alpha))
+
+
+def hue(amplitude: np.ndarray) -> tuple[float, float, float]:
+    """Return the colour of a light without its strength, for sRGB.
+
+    Args:
+        amplitude: Linear RGB.  [3]
+    """
+    peak = max(float(amplitude.max()), 1e-30)  # 1e-30: a dark lobe is black
+    red, green, blue = (float(value) for value in np.clip(amplitude / peak, 0, 1) ** (1 / 2.2))
+    return red, green, blue
 
 
 def label_over(x: float, y: float, text: str, align: float = 0.0) -> None:
