@@ -8,12 +8,16 @@ from. The packages that only the viewer needs are loaded here, when they are nee
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from asglight.errors import InputError
 from asglight.shader_files import ShaderError
 from asglight.viewer.session import Session
 
-_EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL"}
+if TYPE_CHECKING:
+    from asglight.viewer.io.wanted import Wanted
+
+_EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL", "imageio_ffmpeg"}
 """Packages that only the viewer needs."""
 
 
@@ -74,6 +78,39 @@ def write_screenshot(
         from asglight.viewer import saving, screenshot
     session.wait()
     saving.write_png(path, screenshot.window_picture(session, size, is_bare=is_bare))
+
+
+def write_rendering(session: Session, wanted: "Wanted") -> Iterator[int]:
+    """Write pictures of a session off screen.
+
+    Args:
+        session: What to render.
+        wanted: Which pictures, and where.
+
+    Yields:
+        How many there will be, once for each that is written.
+
+    Raises:
+        InputError: A package is missing, there is no OpenGL, or a picture cannot be had or written.
+    """
+    with _explained_imports():
+        from asglight.viewer import context
+        from asglight.viewer.io.rendering import Rendering
+        from asglight.viewer.renderer import Renderer
+    session.wait()
+    if session.meters:
+        session.update()
+    opengl = context.standalone_context()
+    rendering = Rendering(session, Renderer(opengl), wanted)
+    try:
+        while rendering.done < rendering.count:
+            before = rendering.done
+            rendering.step()
+            if rendering.done > before:
+                yield rendering.count
+    finally:
+        rendering.close()
+        opengl.release()
 
 
 def check() -> int:

@@ -182,6 +182,37 @@ class Renderer:
             self._errors = key, errors
         return self._errors[1]
 
+    def radiance(self, state: ViewerState) -> np.ndarray:
+        """Return the balls as they were drawn last, before any view: linear, unexposed.
+
+        Args:
+            state: The session, whose comparison it shows; the wipe as columns of both.
+
+        Returns:
+            Radiance with the environment's intensity; 0 where nothing is.  [H, W, 3]
+        """
+        fit, reference = (
+            None if picture is None else _composed(picture)
+            for picture in self._last or (None, None)
+        )
+        assert fit is not None  # `balls` comes first
+        shown = state.shown
+        if reference is None:
+            reference = np.zeros_like(fit)
+        if shown is Comparison.ROWS:
+            picture = np.concatenate([fit, reference])
+        elif shown is Comparison.WIPE:
+            at = round(state.compared.wipe * fit.shape[1])
+            picture = np.concatenate([fit[:, :at], reference[:, at:]], axis=1)
+        else:
+            picture = {
+                Comparison.FIT: fit,
+                Comparison.REFERENCE: reference,
+                Comparison.DIFFERENCE: fit - reference,
+                Comparison.RATIO: fit / np.maximum(reference, np.finfo(np.float32).tiny),
+            }[shown]
+        return picture * np.float32(2.0**state.environment.intensity_ev)
+
     def _pair(self, state: ViewerState, size: tuple[int, int]) -> tuple[Picture, Picture | None]:
         """Bring both layers up to date and return them."""
         subject = state.compared.subject
@@ -314,6 +345,15 @@ def _display_key(state: ViewerState) -> tuple[Any, ...]:
     display = state.display
     values = (display.exposure_ev, display.transform, display.channel, display.zebra)
     return (*values, state.environment.intensity_ev)
+
+
+def _composed(picture: Picture) -> np.ndarray:
+    """Return balls over their background, if there is one, row 0 at the top.  [H, W, 3]."""
+    front = _pixels(picture.front)
+    radiance = front[..., :3]
+    if picture.background is None:
+        return radiance
+    return radiance + (1 - front[..., 3:]) * _pixels(picture.background)[..., :3]
 
 
 def _pixels(texture: moderngl.Texture) -> np.ndarray:

@@ -53,7 +53,13 @@ class Request(Enum):
     OPEN = auto()
     SAVE_EDITS = auto()
     SAVE_PICTURE = auto()
+    RENDER = auto()
+    RENDER_LABELLED = auto()
+    RENDER_TURNTABLE = auto()
     QUIT = auto()
+
+
+RENDERS = (Request.RENDER, Request.RENDER_LABELLED, Request.RENDER_TURNTABLE)
 
 
 class Theme(StrEnum):

@@ -18,10 +18,13 @@ from imgui_bundle import portable_file_dialogs as dialogs
 # After imgui_bundle: the first of the two to be imported decides whose GLFW both use.
 import glfw  # isort: skip
 
+from asglight.errors import InputError
 from asglight.viewer import settings
 from asglight.viewer.commands import FLIP_KEY
 from asglight.viewer.io import native
 from asglight.viewer.io.documents import RECENT_MAX, Documents, Opener
+from asglight.viewer.io.rendering import Rendering
+from asglight.viewer.io.wanted import TURNTABLE, Wanted
 from asglight.viewer.panels import help as help_panel
 from asglight.viewer.panels import widgets
 from asglight.viewer.panels.balls import balls
@@ -32,12 +35,13 @@ from asglight.viewer.panels.lobes import lobes
 from asglight.viewer.panels.look import look
 from asglight.viewer.panels.map import latlong_map
 from asglight.viewer.panels.menus import menus
+from asglight.viewer.panels.progress import progress
 from asglight.viewer.panels.question import question
 from asglight.viewer.panels.timeline import timeline
 from asglight.viewer.renderer import Renderer
 from asglight.viewer.saving import display_pixels
 from asglight.viewer.session import Session
-from asglight.viewer.state import Request, Theme, ViewerState
+from asglight.viewer.state import RENDERS, Request, Theme, ViewerState
 
 _BALLS = "Balls"
 _THEMES = {
@@ -61,6 +65,8 @@ class Window:
         self._has_panels = True
         self._title = ""
         self._theme: Theme | None = None
+        self._to_render: tuple[Request, Path] | None = None
+        self.rendering: Rendering | None = None
         self.failure: BaseException | None = None
         self.is_open = False
 
@@ -103,12 +109,14 @@ class Window:
         state.playback.tick(state.clock())
         status = self.session.update(int(state.playback.is_playing))
         is_busy = state.playback.is_playing or not status.is_finished or self.documents.is_busy
+        is_busy |= self.rendering is not None
         is_busy |= self.renderer.reference_progress < 1 or self._is_reading()
         hello_imgui.get_runner_params().fps_idling.enable_idling = not is_busy
         for path in self._dropped:
             self.documents.open(path)
         self._dropped.clear()
         self._requests()
+        self._go_on_rendering()
         self._show_panels()
         self._show_title()
         self._show_theme()
@@ -130,6 +138,8 @@ class Window:
         help_panel.keys_window(self.state)
         question(self.documents)
         browser(self.documents, self.save)
+        if self.rendering is not None and progress("Rendering", self.rendering):
+            self.leave_rendering()
 
     def panels(self) -> list[hello_imgui.DockableWindow]:
         """Return the panels and where they are docked at first."""
@@ -172,15 +182,57 @@ class Window:
 
     def save(self, request: Request, path: Path) -> None:
         """Save what is asked for."""
+        if request in RENDERS:
+            self._to_render = request, path  # with the next picture, when the GPU is ours
+            return
         is_picture = request is Request.SAVE_PICTURE
         pixels = display_pixels(self.renderer.shown_balls) if is_picture else None
         self.documents.save(request, path, pixels)
+
+    def _render(self, request: Request, path: Path) -> None:
+        """Begin to write pictures, as large as the balls are shown."""
+        columns, rows = self.renderer.shown_balls.size
+        wanted = Wanted(
+            path,
+            (columns // 2 * 2, rows // 2 * 2),  # which every kind of file takes
+            is_labelled=request is Request.RENDER_LABELLED,
+            turntable=TURNTABLE if request is Request.RENDER_TURNTABLE else None,
+        )
+        try:
+            self.rendering = Rendering(self.session, Renderer(self.context), wanted)
+        except InputError as error:
+            self.state.message = str(error)
+
+    def _go_on_rendering(self) -> None:
+        """Draw a little more of what is being written."""
+        if self._to_render is not None:
+            to_render, self._to_render = self._to_render, None
+            self._render(*to_render)
+        rendering = self.rendering
+        if rendering is None:
+            return
+        try:
+            is_over = rendering.step()
+        except InputError as error:
+            rendering.close()
+            self.state.message, self.rendering = str(error), None
+            return
+        if is_over:
+            self.state.message, self.rendering = f"Rendered {rendering.count} pictures.", None
+
+    def leave_rendering(self) -> None:
+        """Stop writing; the pictures that are written stay, a film is removed."""
+        if self.rendering is not None:
+            self.state.message = f"Stopped after {self.rendering.done} pictures."
+            self.rendering.close()
+            self.rendering = None
 
     def closed(self) -> None:
         """End what runs beside, and give the context back so that another can be adopted."""
         if _remembers():
             hello_imgui.save_user_pref(_SETTINGS, settings.as_text(self.state))
             hello_imgui.save_user_pref(_RECENT, json.dumps(self.documents.recent))
+        self.leave_rendering()
         self.documents.close(is_wanted=self.failure is None and self.documents.has_quit)
         self.context.release()
 

@@ -146,6 +146,7 @@ def test_shift_scrubs_between_frames_and_the_wheel_zooms(drive: Drive) -> None:
         test.mouse_up(0)
         test.key_up(int(imgui.Key.mod_shift))
         assert playback.time == pytest.approx(1001.5, abs=0.01)  # a point is 0.004 frames
+        playback.go_to_time(1001.5)
         test.key_press(int(imgui.Key.mod_shift) | int(imgui.Key.right_arrow))
         assert playback.time == 1002
         test.key_press(int(imgui.Key.mod_shift) | int(imgui.Key.left_arrow))

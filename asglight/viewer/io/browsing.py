@@ -10,7 +10,8 @@ from asglight.errors import InputError
 from asglight.images.frame_files import sources_in
 from asglight.images.message import shown
 from asglight.usd.options import STAGE_SUFFIXES
-from asglight.viewer.state import Request
+from asglight.viewer.io.wanted import SUFFIXES
+from asglight.viewer.state import RENDERS, Request
 
 
 class Kind(StrEnum):
@@ -71,7 +72,8 @@ class Browser:
     def target(self) -> Path:
         """The file that would be saved."""
         name = self.name.strip()
-        if self.suffix and not name.lower().endswith(self.suffix):
+        may_be = SUFFIXES if self.request in RENDERS else (self.suffix,)
+        if self.suffix and not name.lower().endswith(may_be):
             name += self.suffix
         return self.folder / name
 

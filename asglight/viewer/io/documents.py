@@ -27,7 +27,7 @@ from asglight.viewer.saving import (
     write_png,
 )
 from asglight.viewer.session import Session
-from asglight.viewer.state import Request, ViewerState
+from asglight.viewer.state import RENDERS, Request, ViewerState
 
 RECENT_MAX = 8
 """Files in the list of recent ones."""
@@ -150,6 +150,8 @@ class Documents:
         if request is Request.SAVE_PICTURE:
             stem = Path(self.session.title).stem
             return f"{stem}.{self.state.playback.frame:04d}.png", ".png"
+        if request in RENDERS:
+            return f"{Path(self.session.title).stem}.####.png", ".png"
         return "", ""
 
     def open(self, path: str) -> None:

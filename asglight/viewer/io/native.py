@@ -7,7 +7,8 @@ import sys
 
 from imgui_bundle import portable_file_dialogs as dialogs
 
-from asglight.viewer.state import Request
+from asglight.viewer.io.wanted import SUFFIXES
+from asglight.viewer.state import RENDERS, Request
 
 _PROGRAMS = ("zenity", "kdialog", "qarma", "matedialog")
 """What draws a dialog on Linux; Windows and macOS draw their own."""
@@ -29,5 +30,9 @@ def save_dialog(request: Request, path: str, suffix: str) -> dialogs.save_file:
         path: The name that is proposed.
         suffix: What it ends with.
     """
-    title = "Save the picture" if request is Request.SAVE_PICTURE else "Save the edits"
-    return dialogs.save_file(title, path, [suffix.strip(".").upper(), f"*{suffix}"])
+    title = "Save the edits" if request is Request.SAVE_EDITS else "Save the picture"
+    kinds = [suffix.strip(".").upper(), f"*{suffix}"]
+    if request in RENDERS:
+        title = "Render"
+        kinds = ["Pictures and films", " ".join(f"*{kind}" for kind in SUFFIXES)]
+    return dialogs.save_file(title, path, kinds)

@@ -15,6 +15,9 @@ _TITLES = {
     Request.OPEN: "Open",
     Request.SAVE_EDITS: "Save the edits as a layer",
     Request.SAVE_PICTURE: "Save the picture",
+    Request.RENDER: "Render the frames: .png, .exr or .mp4",
+    Request.RENDER_LABELLED: "Render the frames with labels: .png or .mp4",
+    Request.RENDER_TURNTABLE: "Render a turntable: .png, .exr or .mp4",
 }
 
 _FRAME = imgui.TableFlags_.row_bg | imgui.TableFlags_.scroll_y | imgui.TableFlags_.borders_outer

@@ -57,6 +57,8 @@ def _file(documents: Documents) -> None:
     is_edited = state.history.is_changed
     _item(state, "Save the edits as a layer", "Save the edits as a layer...", is_enabled=is_edited)
     _item(state, "Save the picture", "Save the picture...")
+    for name in ("Render the frames", "Render the frames with labels", "Render a turntable"):
+        _item(state, name, f"{name}...")
     imgui.separator()
     _item(state, "Quit")
     imgui.end_menu()
