@@ -44,7 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--render", type=Path, metavar="OUT", help=output)
     add("--turntable", type=int, metavar="N", help="with --render: one turn of N pictures")
     add("--labels", action="store_true", help="with --render: names, frame and exposure in them")
-    add("--size", type=_size, default=SIZE, metavar="WxH", help="window (default: 1600x1000)")
+    size = "window (default: as it was last; of a picture 1600x1000)"
+    add("--size", type=_size, metavar="WxH", help=size)
     add("--exposure-ev", type=_exposure, metavar="EV", help="stops (default: metered)")
     add_rig_option(parser)
     add_follow_option(parser)
@@ -82,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
         elif output is None:
             app.show(session, opened_in_window, arguments.size)
         else:
-            app.write_screenshot(session, output, arguments.size, is_bare=arguments.bare)
+            app.write_screenshot(session, output, arguments.size or SIZE, is_bare=arguments.bare)
     return 0
 
 
@@ -103,7 +104,7 @@ def _render(session: "Session", arguments: argparse.Namespace) -> None:
     from asglight.viewer import app
     from asglight.viewer.io.wanted import Wanted
 
-    wanted = Wanted(arguments.render, arguments.size, arguments.labels, arguments.turntable)
+    wanted = Wanted(arguments.render, arguments.size or SIZE, arguments.labels, arguments.turntable)
     count = arguments.turntable or len(session.state.playback.frames)
     with reporter() as report:
         for _ in report.follow(app.write_rendering(session, wanted), "rendering", count):

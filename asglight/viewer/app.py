@@ -43,13 +43,15 @@ def set_up(session: Session, frame: float | None, exposure_ev: float | None) -> 
         state.playback.go_to_time(frame)
 
 
-def show(session: Session, opener: Callable[[str], Session | None], size: tuple[int, int]) -> None:
+def show(
+    session: Session, opener: Callable[[str], Session | None], size: tuple[int, int] | None
+) -> None:
     """Show a session until its window is closed.
 
     Args:
         session: What to show; the controls change its state.
         opener: Opens what is dropped on the window: a session, or None for images.
-        size: The window's columns and rows at the start, (W, H).
+        size: The window's columns and rows at the start, (W, H); None for those it had last.
 
     Raises:
         InputError: A package is missing, there is no display, or no OpenGL that is new enough.

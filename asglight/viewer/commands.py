@@ -89,6 +89,10 @@ def _next_comparison(state: ViewerState) -> None:
         state.message = "Nothing to compare with. Drop an HDR image or sequence on the window."
 
 
+def _next_outlines(state: ViewerState) -> None:
+    state.outlines = _following(state.outlines)
+
+
 def _next_subject(state: ViewerState) -> None:
     if state.references is not None:
         state.compared.subject = _following(state.compared.subject)
@@ -191,6 +195,7 @@ COMMANDS = (
     Command("Compare", "Shift+R", "Overall, fit only or shading only", _next_subject),
     Command("Lobes", "S", "Solo the selected lobe", _of_selected(_toggle_solo)),
     Command("Lobes", "X", "Mute the selected lobe", _of_selected(ViewerState.toggle_mute)),
+    Command("Lobes", "H", "Outlines in the map: all, selected, none", _next_outlines),
     Command("Lobes", "Escape", "End the solo, select none", _all_lobes),
     Command("Lobes", "Ctrl+Z", "Undo", _undo, repeats=True),
     Command("Lobes", "Ctrl+Shift+Z", "Redo", _redo, repeats=True),

@@ -69,6 +69,14 @@ class Theme(StrEnum):
     LIGHT = "light"
 
 
+class Outlines(StrEnum):
+    """Which lobes are drawn over the map."""
+
+    ALL = "all outlines"
+    SELECTED = "selected only"
+    NONE = "no outlines"
+
+
 @dataclass
 class Environment:
     """The environment around the balls.
@@ -199,6 +207,7 @@ class ViewerState:
         is_dragging: Whether the mouse changes something at this moment.
         has_panels: Whether the panels are shown beside the balls.
         theme: Colours of the window.
+        outlines: Which lobes are drawn over the map.
         has_help: Whether the list of keys is shown.
         message: One line about what was done or went wrong last.
         inspected: What the pointer was over last, in the frame that is shown.
@@ -237,6 +246,7 @@ class ViewerState:
         self.is_dragging = False
         self.has_panels = True
         self.theme = Theme.DARK
+        self.outlines = Outlines.ALL
         self.has_help = False
         self.message = ""
         self.editing = Editing()

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import moderngl
-from imgui_bundle import glfw_utils, hello_imgui, imgui
+from imgui_bundle import ImVec4, glfw_utils, hello_imgui, imgui
 from imgui_bundle import portable_file_dialogs as dialogs
 
 # After imgui_bundle: the first of the two to be imported decides whose GLFW both use.
 import glfw  # isort: skip
 
 from asglight.errors import InputError
-from asglight.viewer import settings
+from asglight.viewer import layout, settings
 from asglight.viewer.commands import FLIP_KEY
 from asglight.viewer.io import native
 from asglight.viewer.io.documents import RECENT_MAX, Documents, Opener
@@ -48,6 +48,12 @@ _THEMES = {
     Theme.DARK: hello_imgui.ImGuiTheme_.imgui_colors_dark,
     Theme.LIGHT: hello_imgui.ImGuiTheme_.imgui_colors_light,
 }
+_HANDLE = ImVec4(0.3, 0.6, 0.95, 0.4)
+"""Of a slider: its number is read through it."""
+
+MESSAGE_SECONDS = 20.0
+"""After which a message has been read, or is about what is no more."""
+
 _UNSCROLLED = {_BALLS, "Timeline", "Map", "Curves"}
 """Panels that fill their room; the wheel does something else in them."""
 
@@ -64,6 +70,7 @@ class Window:
         self._dropped: list[str] = []
         self._has_panels = True
         self._title = ""
+        self._message = "", 0.0
         self._theme: Theme | None = None
         self._to_render: tuple[Request, Path] | None = None
         self.rendering: Rendering | None = None
@@ -86,6 +93,7 @@ class Window:
         moderngl.init_context()
         self.context = moderngl.get_context()
         self.is_open = True
+        self._lay_out()
         # What a panel left open when it raised is closed for it; `run` raises the error itself.
         imgui.get_io().config_error_recovery_enable_assert = False
         self.renderer = Renderer(self.context)
@@ -97,6 +105,22 @@ class Window:
         self._handle: Any = glfw_utils.glfw_window_hello_imgui()
         self._on_drop: Any = lambda _window, paths: self.dropped(paths)  # GLFW keeps no reference
         glfw.set_drop_callback(self._handle, self._on_drop)
+
+    def _lay_out(self) -> None:
+        """Divide the window by the size of its font, which the screen's density has chosen."""
+        params = hello_imgui.get_runner_params()
+        size = params.app_window_params.window_geometry.size
+        em = layout.FONT_POINTS * hello_imgui.dpi_window_size_factor()
+        docking = params.docking_params
+        docking.docking_splits = layout.splits((size[0], size[1]), em)
+        for panel in docking.dockable_windows:
+            if panel.label == "Lobes":
+                is_stacked = layout.has_room((size[0], size[1]), em)
+                panel.dock_space_name = "LobesSpace" if is_stacked else "RightSpace"
+        style = imgui.get_style()
+        style.hover_flags_for_tooltip_mouse = int(imgui.HoveredFlags_.delay_normal) | int(
+            imgui.HoveredFlags_.stationary
+        )
 
     def before_picture(self) -> None:
         """Bring the state to this moment: time, sources, files."""
@@ -118,6 +142,7 @@ class Window:
         self._requests()
         self._go_on_rendering()
         self._show_panels()
+        self._let_message_go()
         self._show_title()
         self._show_theme()
         if self.documents.has_quit:
@@ -260,6 +285,14 @@ class Window:
 
         return _guarded
 
+    def _let_message_go(self) -> None:
+        """Forget a message some time after it came."""
+        state = self.state
+        if state.message != self._message[0]:
+            self._message = state.message, state.clock()
+        elif state.clock() - self._message[1] > MESSAGE_SECONDS:
+            state.message = ""
+
     def _show_title(self) -> None:
         """Keep the window's title in step with what it shows."""
         if self._title != self.documents.title:
@@ -271,6 +304,9 @@ class Window:
         if self._theme is not self.state.theme:
             self._theme = self.state.theme
             hello_imgui.apply_theme(_THEMES[self._theme])
+            style = imgui.get_style()
+            for colour in (imgui.Col_.slider_grab, imgui.Col_.slider_grab_active):
+                style.set_color_(colour, _HANDLE)
 
     def _show_panels(self) -> None:
         """Hide or show the panels beside the balls, when that was asked for."""

@@ -88,11 +88,12 @@ def drive(tracks: LobeTracks, script: Callable[[Any, Driven], None], **options: 
     """Open a window on tracks and run a script in it."""
     reference = grey(tracks) if options.pop("with_reference", False) else None
     opener = options.pop("opener", lambda path: None)
-    size = options.pop("size", SIZE)
+    size, scale = options.pop("size", SIZE), options.pop("scale", 1.0)
     driven = Driven(tracks, opener, reference, **options)
     screenshot.use_no_display()
     params = running.runner_params(driven.window, size)
     params.ini_disable = True
+    params.dpi_aware_params.dpi_window_size_factor = scale
     try:
         testing.run(
             test_function=lambda test: script(test, driven),

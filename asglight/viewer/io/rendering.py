@@ -141,7 +141,8 @@ def labelled(pixels: np.ndarray, session: Session) -> np.ndarray:
             write((cell.x + cell.size / 2, below), ball.name, "ma")
     names = {Comparison.REFERENCE: "Reference (HDRI)", Comparison.FIT: "Fit"}
     if is_rows:
-        write((8, rows + 6), names[Comparison.REFERENCE], "la")
+        held = f": {state.reference_label}" if state.reference_label else ""
+        write((8, rows + 6), f"{names[Comparison.REFERENCE]}{held}", "la")
     title = names.get(state.shown, "Fit" if is_rows else str(state.shown))
     write((8, 6), f"{session.title}   {title}", "la")
     exposure = state.display.exposure_ev + state.environment.intensity_ev

@@ -53,9 +53,18 @@ def status_line(state: ViewerState, session: Session) -> None:
     text = status.failure or missing or state.message or status.message
     done = f"lobes of {status.frames_done} of {status.frames_total} frames"
     imgui.text(text if text else done)
-    tail = "F1: keys"
+    tail = f"{_rate(state)}F1: keys"
     imgui.same_line(imgui.get_window_width() - imgui.calc_text_size(tail).x - widgets.em(1))
     imgui.text_disabled(tail)
+
+
+def _rate(state: ViewerState) -> str:
+    """Return the frames a second that are reached, and how many were dropped since it plays."""
+    fps = state.playback.achieved_fps
+    if fps is None:
+        return ""
+    dropped = state.playback.dropped
+    return f"{fps:.1f} fps{f', {dropped} dropped' if dropped else ''}   "
 
 
 def _heading(text: str) -> None:

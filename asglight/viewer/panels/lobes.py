@@ -13,6 +13,12 @@ from asglight.viewer.panels import widgets
 from asglight.viewer.panels.edit import edit_controls
 from asglight.viewer.state import ViewerState
 
+_CONTROLS_EM = 19.0
+"""Height of the controls below the list."""
+
+_LIST_EM = 9.0
+"""Height of the list at least; where both do not fit, the panel scrolls."""
+
 _TABLE = (
     imgui.TableFlags_.scroll_y | imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_stretch_prop
 )
@@ -25,7 +31,7 @@ def lobes(state: ViewerState) -> None:
         return
     room = imgui.get_content_region_avail()
     rows = widgets.em(1.7) * (state.tracks.lobes.count + 1)
-    height = max(min(rows, 0.5 * room.y), widgets.em(6))
+    height = max(min(rows, room.y - widgets.em(_CONTROLS_EM)), widgets.em(_LIST_EM))
     imgui.begin_child("list", ImVec2(0, height))
     _list(state)
     imgui.end_child()
@@ -37,8 +43,10 @@ def _list(state: ViewerState) -> None:
     total = max(float(energies.sum()), 1e-30)  # 1e-30: a black frame has shares of 0
     if not imgui.begin_table("lobes", 4, _TABLE):
         return
-    for name, width in (("lobe", 2.2), ("energy", 3.0), ("solo", 1.0), ("mute", 1.0)):
+    for name, width in (("lobe", 2.6), ("energy", 2.4)):
         imgui.table_setup_column(name, imgui.TableColumnFlags_.width_stretch, width)
+    for name in ("##solo", "##mute"):
+        imgui.table_setup_column(name, imgui.TableColumnFlags_.width_fixed, widgets.em(1.5))
     imgui.table_setup_scroll_freeze(0, 1)
     imgui.table_headers_row()
     for lobe in _order(Held(state.history.original)):
@@ -59,6 +67,8 @@ def _order(tracks: Held[LobeTracks]) -> list[int]:
 def _row(state: ViewerState, lobe: int, share: float) -> None:
     selection = state.selection
     imgui.push_id(lobe)
+    # All of a row on one line: what has padding would push down what follows.
+    imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(widgets.em(0.3), 0))
     imgui.table_next_row()
     imgui.table_next_column()
     imgui.color_button(
@@ -92,6 +102,7 @@ def _row(state: ViewerState, lobe: int, share: float) -> None:
                 selection.solo.symmetric_difference_update({lobe})
         entry = command(name)
         widgets.tooltip(entry.name.replace("the selected", "this"), f"{entry.keys}, when selected")
+    imgui.pop_style_var()
     imgui.pop_id()
 
 
@@ -107,7 +118,7 @@ def _switch(label: str, is_on: bool) -> bool:
     """Show a small button that stays lit; return whether it was pressed."""
     if is_on:
         imgui.push_style_color(imgui.Col_.button, widgets.ACCENT)
-    pressed = imgui.small_button(label)
+    pressed = imgui.button(label, ImVec2(widgets.em(1.4), 0))
     if is_on:
         imgui.pop_style_color()
     return pressed

@@ -10,11 +10,12 @@ from imgui_bundle import ImVec2, imgui
 from asglight.lobes import Lobes
 from asglight.sphere import latlong
 from asglight.viewer import outlines
+from asglight.viewer.commands import command
 from asglight.viewer.held import Held
 from asglight.viewer.panels import legend, widgets
 from asglight.viewer.picking import pick
 from asglight.viewer.renderer import Renderer
-from asglight.viewer.state import Probe, ViewerState
+from asglight.viewer.state import Outlines, Probe, ViewerState
 
 CLICK_POINTS = 4.0
 """As far from a small lobe a click still means it."""
@@ -31,6 +32,12 @@ def latlong_map(state: ViewerState, renderer: Renderer) -> None:
         state.map_view.comparison = widgets.choice(
             "##map_view", state.map_view.comparison, "What the map shows of fit and reference."
         )
+        imgui.same_line()
+    imgui.set_next_item_width(widgets.em(9))
+    outlined = command("Outlines in the map: all, selected, none")
+    state.outlines = widgets.choice(
+        "##outlines", state.outlines, "Which lobes are drawn over the map.", outlined.keys
+    )
     room = imgui.get_content_region_avail()
     rows = max(1, int(min(room.x / 2, room.y - legend.room_below())))
     points = 2 * rows, rows
@@ -72,6 +79,10 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     lit = state.lit
     for index, outline in enumerate(_outlines(Held(state.lobes))):
         is_selected = index == state.selection.lobe
+        if state.outlines is Outlines.NONE or (
+            state.outlines is Outlines.SELECTED and not is_selected
+        ):
+            continue
         shade = widgets.ACCENT if is_selected else widgets.FAINT
         colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
         for line in outline.curves:

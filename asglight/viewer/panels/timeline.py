@@ -15,6 +15,9 @@ _BUTTONS = int(imgui.ButtonFlags_.mouse_button_left) | int(imgui.ButtonFlags_.mo
 
 _IN_MEMORY = ImVec4(0.35, 0.7, 0.95, 0.9)
 
+_WIDE_EM = 54.0
+"""Width from which the buttons stand apart and the frames of the shot are named beside them."""
+
 _ZOOM = 1.25
 """For one notch of the wheel."""
 
@@ -32,13 +35,15 @@ def _buttons(state: ViewerState) -> None:
     widgets.button(state, "Previous frame", "<")
     imgui.same_line()
     playing = "Pause###play" if playback.is_playing else "Play###play"
-    widgets.button(state, "Play or pause", playing)
+    widgets.button(state, "Play or pause", playing, width=4)
     imgui.same_line()
     widgets.button(state, "Next frame", ">")
     imgui.same_line()
     widgets.button(state, "Last frame", ">|")
     imgui.same_line()
-    imgui.set_next_item_width(widgets.em(6))
+    room = imgui.get_window_width()
+    is_narrow = room < widgets.em(_WIDE_EM)
+    imgui.set_next_item_width(widgets.em(4.5 if is_narrow else 6))
     entered, time = imgui.input_double(
         "##frame", playback.time, 0, 0, "%.7g", imgui.InputTextFlags_.enter_returns_true
     )
@@ -47,14 +52,15 @@ def _buttons(state: ViewerState) -> None:
         playback.go_to(int(time))
     elif entered:
         playback.go_to_time(time)
-    imgui.same_line()
-    first, last = playback.frames[0], playback.frames[-1]
-    imgui.text_disabled(f"of {first}-{last}")
-    imgui.same_line(spacing=widgets.em(1.5))
+    gap = widgets.em(0.4 if is_narrow else 1.5)
+    if not is_narrow:
+        imgui.same_line()
+        imgui.text_disabled(f"of {playback.frames[0]}-{playback.frames[-1]}")
+    imgui.same_line(spacing=gap)
     loop = command("Loop")
     playback.loops = widgets.checkbox("loop", playback.loops, loop, "Play the range again.")
     imgui.same_line()
-    imgui.set_next_item_width(widgets.em(8))
+    imgui.set_next_item_width(widgets.em(6.5 if is_narrow else 8))
     pace = command("Real time (drops frames) or every frame")
     chosen = widgets.choice("##pace", playback.pace, f"{pace.name}.", pace.keys)
     if chosen is not playback.pace:
@@ -65,25 +71,12 @@ def _buttons(state: ViewerState) -> None:
     widgets.tooltip("Frames a second while playing. Drag, or Ctrl+click and type")
     if changed:
         playback.fps = max(FPS_LIMITS[0], min(FPS_LIMITS[1], fps))
-    imgui.same_line(spacing=widgets.em(1.5))
+    imgui.same_line(spacing=gap)
     widgets.button(state, "In point here", "in")
     imgui.same_line()
     widgets.button(state, "Out point here", "out")
     imgui.same_line()
     widgets.button(state, "All frames between in and out", "all")
-    _rate(state)
-
-
-def _rate(state: ViewerState) -> None:
-    """Show how many frames a second there are, and how many were dropped."""
-    playback = state.playback
-    fps = playback.achieved_fps
-    if fps is None:
-        return
-    dropped = f", {playback.dropped} dropped" if playback.dropped else ""
-    imgui.same_line(spacing=widgets.em(1.5))
-    imgui.text_disabled(f"{fps:.1f} fps{dropped}")
-    imgui.set_item_tooltip("Frames shown a second of late, and left out since playing began")
 
 
 def _bar(state: ViewerState) -> None:

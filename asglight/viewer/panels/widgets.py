@@ -78,13 +78,23 @@ def em(count: float) -> float:
 
 def tooltip(text: str, keys: str = "") -> None:
     """Explain the last widget, with its key."""
-    imgui.set_item_tooltip(f"{text}\nKey: {keys}" if keys else text)
+    if not imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+        return
+    # Over the widget, so that the next one below stays in view.
+    text = f"{text}\nKey: {keys}" if keys else text
+    corner = imgui.get_item_rect_min()
+    if corner.y > imgui.calc_text_size(text).y + em(1.5):
+        place = ImVec2(corner.x, corner.y - em(0.3))
+        imgui.set_next_window_pos(place, imgui.Cond_.always, ImVec2(0, 1))
+    imgui.set_tooltip(text)
 
 
-def button(state: ViewerState, name: str, label: str, explanation: str = "") -> None:
-    """Show a button that runs a command."""
+def button(
+    state: ViewerState, name: str, label: str, explanation: str = "", width: float = 0.0
+) -> None:
+    """Show a button that runs a command; a width in em keeps what follows where it is."""
     entry = command(name)
-    if imgui.button(label):
+    if imgui.button(label, ImVec2(em(width), 0)):
         entry.run(state)
     tooltip(explanation or f"{entry.name}.", entry.keys)
 
