@@ -58,6 +58,19 @@ class Edit:
             raise ValueError(f"rotation: {self.rotation}, expected a quaternion")
 
     @property
+    def what(self) -> str:
+        """What is done, in a few words."""
+        if self.toggles_mute:
+            return "mute on or off"
+        if any(self.rotation[1:]):
+            degrees = math.degrees(2 * math.acos(min(abs(self.rotation[0]), 1.0)))
+            return f"turn by {degrees:.1f} deg"
+        if any(self.sharpness_log2):
+            return "width and height"
+        red, green, blue = self.gain_log2
+        return f"intensity {red:+.2f} EV" if red == green == blue else "colour"
+
+    @property
     def is_identity(self) -> bool:
         """Whether nothing changes."""
         changes = (*self.gain_log2, *self.sharpness_log2, *self.rotation[1:], self.toggles_mute)
@@ -196,6 +209,24 @@ class EditHistory:
     def edited_lobes(self) -> tuple[int, ...]:
         """Indices of the lobes that edits in force change, ascending."""
         return tuple(sorted({edit.lobe for edit in self.edits}))
+
+    @property
+    def steps(self) -> tuple[Edit, ...]:
+        """The edits that are steps, those in force first, then those that can be made again."""
+        return (*(edit for edit, _ in self._done), *reversed(self._undone))
+
+    @property
+    def position(self) -> int:
+        """How many of the steps are in force."""
+        return len(self._done)
+
+    def go_to(self, position: int) -> None:
+        """Undo or redo until so many steps are in force."""
+        self.cancel()
+        while self.position > max(position, 0):
+            self.undo()
+        while self.position < position and self.can_redo:
+            self.redo()
 
     @property
     def muted(self) -> frozenset[int]:

@@ -30,6 +30,7 @@ from asglight.viewer.panels import widgets
 from asglight.viewer.panels.balls import balls
 from asglight.viewer.panels.browser import browser
 from asglight.viewer.panels.curves import curves
+from asglight.viewer.panels.history import history
 from asglight.viewer.panels.inspector import inspector
 from asglight.viewer.panels.lobes import lobes
 from asglight.viewer.panels.look import look
@@ -176,6 +177,7 @@ class Window:
             ("Look", "RightSpace", lambda: look(self.state)),
             ("Lobes", "LobesSpace", lambda: lobes(self.state)),
             ("Inspector", "InspectorSpace", lambda: inspector(self.state)),
+            ("History", "InspectorSpace", lambda: history(self.state)),
         )
         windows = [
             hello_imgui.DockableWindow(name, space, self.guarded(draw))

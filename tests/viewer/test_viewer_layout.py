@@ -15,7 +15,7 @@ from windows import Drive, Driven
 from asglight.lobes import LobeTracks
 from asglight.viewer.arrangement import cells
 from asglight.viewer.held import Held
-from asglight.viewer.panels.curves import DECADES, _limits, track_curves
+from asglight.viewer.panels.curves import _limits, track_curves
 from asglight.viewer.state import Outlines, Theme
 
 SIZES = [
@@ -150,8 +150,13 @@ def test_all_curves_are_inside_of_their_plot(two_lamps: LobeTracks) -> None:
         low, high = _limits(values, is_logarithmic)
         assert low <= values.min()
         assert values.max() <= high
+    # a lobe of a ten-thousandth of the other's light is in view
     low, high = _limits(amplitude, True)
-    assert high / low < 10.0 ** (DECADES + 1)
+    assert 1e4 < high / low < 1e6
+    assert amplitude[1].min() == pytest.approx(0.9e-4 * 0.2126)
+    lobes.amplitude[1:, 1] = 0  # it goes out: its curve falls to the floor, no further
+    fading = track_curves(Held(LobeTracks(two_lamps.frames, 24.0, lobes)))[0]
+    np.testing.assert_allclose(fading[1, 1:], 0.1 * fading[1, 0], rtol=1e-6)
 
 
 def test_a_message_is_forgotten_when_it_has_been_read(drive: Drive) -> None:

@@ -368,3 +368,28 @@ def test_the_list_keeps_its_order_and_follows_the_selection(
         assert not driven.state.selection.is_new
 
     drive(script)
+
+
+def test_the_history_shows_each_edit_and_goes_back_to_it(drive: Drive) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        state = driven.state
+        state.history.add(scale_amplitude(0, None, 1.0))
+        state.toggle_mute(1)
+        state.history.add(scale_amplitude(1, 2, 1.0, (1.0, 0.5, 1.0)))
+        assert [edit.what for edit in state.history.steps] == [
+            "intensity +1.00 EV",
+            "mute on or off",
+            "colour",
+        ]
+        test.window_focus("History")
+        test.yield_(3)
+        test.item_click("History/##step1")
+        assert state.history.position == 1
+        assert state.lit == (0, 1)
+        assert len(state.history.steps) == 3
+        test.item_click("History/##step3")
+        assert state.history.position == 3
+        test.item_click("History/##step0")
+        assert not state.history.is_changed
+
+    drive(script)

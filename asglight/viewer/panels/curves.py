@@ -12,8 +12,11 @@ from asglight.viewer.held import Held
 from asglight.viewer.panels import widgets
 from asglight.viewer.state import ViewerState
 
-DECADES = 5
-"""Below the brightest lobe; darker ones, and those that are out, run along the floor."""
+DECADES = 12
+"""Below the brightest lobe at most; what is out runs along the floor."""
+
+BELOW_PEAK = 0.1
+"""Of the weakest lobe's own peak: the floor, so that each lobe is in view where it is brightest."""
 
 _MIDDLE_EM = 11.0
 """Width of a plot from which its middle frame is numbered as well."""
@@ -51,7 +54,10 @@ def track_curves(tracks: Held[LobeTracks]) -> tuple[np.ndarray, np.ndarray, np.n
     chord = np.linalg.norm(axis - axis[:1], axis=-1)
     turn = np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1)))
     peak = amplitude.max(initial=np.finfo(np.float32).tiny)  # all black: a flat line
-    rows = (np.maximum(amplitude, peak * 10.0**-DECADES), sharpness, turn)
+    peaks = amplitude.max(0)  # [N]
+    weakest = peaks[peaks > 0].min(initial=peak)
+    floor = max(BELOW_PEAK * weakest, peak * 10.0**-DECADES)
+    rows = (np.maximum(amplitude, floor), sharpness, turn)
     first, second, third = (np.ascontiguousarray(values.T) for values in rows)
     return first, second, third
 
