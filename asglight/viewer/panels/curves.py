@@ -88,7 +88,10 @@ def _plot(
         implot.setup_axis_format(implot.ImAxis_.y1, "%g°")
     if is_logarithmic:
         implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
+    lights = (state.tracks.lobes.amplitude > 0).any(-1).any(0).tolist()  # in any frame
     for lobe, values in enumerate(tracks):
+        if not lights[lobe]:
+            continue
         spec = implot.Spec()
         is_selected = lobe == state.selection.lobe
         spec.line_color = widgets.ACCENT if is_selected else _faint()
