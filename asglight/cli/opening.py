@@ -134,7 +134,7 @@ def _check(request: Request, stage: Path | None) -> None:
 def _stage(stage: Path, request: Request) -> "Session":
     """Open a stage, or watch the fit that will write it."""
     from asglight.images.message import shown
-    from asglight.viewer.reference import open_reference
+    from asglight.viewer.reference import open_reference, whole_sequence
     from asglight.viewer.session import Session
     from asglight.viewer.source import FixedSource
     from asglight.viewer.state import ViewerState
@@ -152,8 +152,9 @@ def _stage(stage: Path, request: Request) -> "Session":
         state = ViewerState(tracks)
         reference = None
         if request.reference is not None:
+            whole = whole_sequence(request.reference, tracks.frames)
             reference = open_reference(
-                request.reference,
+                whole or request.reference,
                 frames=request.frames,
                 reading=request.reading,
             )

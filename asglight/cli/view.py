@@ -6,11 +6,15 @@ import contextlib
 import math
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from asglight.cli.opening import Request, opened, opened_in_window
 from asglight.cli.parser import add_follow_option, add_input_options, add_rig_option, one_line
 from asglight.cli.reading import read_options
 from asglight.errors import InputError
+
+if TYPE_CHECKING:
+    from asglight.viewer.session import Session
 
 EXAMPLE = "asglight view shot.usda --reference sky.####.exr --frame 1001"
 
@@ -32,10 +36,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--live", action="store_true", help="fit the images while they are shown")
     add("--lobes", type=int, metavar="N", help="number of lobes of a live fit (default: 15)")
     add_input_options(parser)
-    add("--frame", type=int, metavar="N", help="frame to show first (default: the first)")
+    frame = "frame to show, or a time between two such as 1012.5 (default: the first)"
+    add("--frame", type=_frame, metavar="N", help=frame)
     add("--screenshot", type=Path, metavar="PNG", help="write the window to a file; no display")
     add("--bare", action="store_true", help="with --screenshot: the balls alone, no panels")
-    add("--size", type=_size, default=SIZE, metavar="WxH", help="window (default: 1600x1000)")
+    output = "write the balls over all frames: out.####.png, out.####.exr or out.mp4; no display"
+    add("--render", type=Path, metavar="OUT", help=output)
+    add("--turntable", type=int, metavar="N", help="with --render: one turn of N pictures")
+    add("--labels", action="store_true", help="with --render: names, frame and exposure in them")
+    size = "window (default: as it was last; of a picture 1600x1000)"
+    add("--size", type=_size, metavar="WxH", help=size)
     add("--exposure-ev", type=_exposure, metavar="EV", help="stops (default: metered)")
     add_rig_option(parser)
     add_follow_option(parser)
@@ -48,6 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         from asglight.viewer import app
 
         return app.check()
+    _check_rendering(arguments)
     output: Path | None = arguments.screenshot
     if output is not None and output.suffix.lower() != ".png":
         raise InputError(f"--screenshot {output}: not a PNG file; expected a name ending in .png.")
@@ -67,11 +78,37 @@ def run(arguments: argparse.Namespace) -> int:
         status = session.source.status()
         if status.message and (status.is_finished or output is not None):
             print(f"asglight: {one_line(status.message)}", file=sys.stderr)
-        if output is None:
+        if arguments.render is not None:
+            _render(session, arguments)
+        elif output is None:
             app.show(session, opened_in_window, arguments.size)
         else:
-            app.write_screenshot(session, output, arguments.size, is_bare=arguments.bare)
+            app.write_screenshot(session, output, arguments.size or SIZE, is_bare=arguments.bare)
     return 0
+
+
+def _check_rendering(arguments: argparse.Namespace) -> None:
+    """Refuse options of a rendering that contradict each other or would have no effect."""
+    for name in ("turntable", "labels"):
+        if getattr(arguments, name) and arguments.render is None:
+            raise InputError(f"--{name}: given without --render; expected both or neither.")
+    if arguments.render is not None and arguments.screenshot is not None:
+        raise InputError("--render: given with --screenshot; expected one of the two.")
+    if arguments.turntable is not None and arguments.turntable < 1:
+        raise InputError(f"--turntable {arguments.turntable}: expected 1 picture or more.")
+
+
+def _render(session: "Session", arguments: argparse.Namespace) -> None:
+    """Write pictures with a bar on the terminal."""
+    from asglight.cli.progress import reporter
+    from asglight.viewer import app
+    from asglight.viewer.io.wanted import Wanted
+
+    wanted = Wanted(arguments.render, arguments.size or SIZE, arguments.labels, arguments.turntable)
+    count = arguments.turntable or len(session.state.playback.frames)
+    with reporter() as report:
+        for _ in report.follow(app.write_rendering(session, wanted), "rendering", count):
+            pass
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -83,6 +120,15 @@ def _size(text: str) -> tuple[int, int]:
     if not all(1 <= side <= SIZE_MAX for side in size):
         raise argparse.ArgumentTypeError(f"{text!r}; expected sides of 1 to {SIZE_MAX} texels")
     return size
+
+
+def _frame(text: str) -> float:
+    """Read a frame number or a time between two."""
+    with contextlib.suppress(ValueError):
+        value = float(text)
+        if math.isfinite(value):
+            return value
+    raise argparse.ArgumentTypeError(f"{text!r}; expected a frame such as 1012, or 1012.5")
 
 
 def _exposure(text: str) -> float:

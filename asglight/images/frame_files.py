@@ -107,6 +107,35 @@ def find(source: str | Path) -> FrameFiles:
         ) from error
 
 
+def sources_in(folder: Path) -> list[tuple[str, str]]:
+    """Return the images and sequences of a folder: a title for each, and what names it to `find`.
+
+    Args:
+        folder: The folder.
+
+    Raises:
+        OSError: It cannot be listed.
+    """
+    groups = _groups(folder)
+    names = [names[0] if len(names) == 1 else _pattern(names[0]) for names in groups.values()]
+    paths = [str(folder / name) for name in names]
+    return list(zip(_titles(groups), paths, strict=True))
+
+
+def sequence_of(path: Path) -> str | None:
+    """Return the pattern of the sequence that one image belongs to; None where it is alone.
+
+    Args:
+        path: An image: `sky.1001.exr`.
+    """
+    try:
+        groups = _groups(path.parent) if path.is_file() else {}
+    except OSError:
+        return None
+    siblings = next((names for names in groups.values() if path.name in names), [])
+    return str(path.parent / _pattern(path.name)) if len(siblings) > 1 else None
+
+
 def frame_set(text: str, subject: str) -> tuple[int, ...]:
     """Parse frames such as `1001-1048`, `1001-1048x2` or `5,7,9` into ascending numbers.
 
@@ -242,6 +271,12 @@ def _titles(groups: dict[tuple[str, str], list[str]]) -> list[str]:
         is_still = len(names) == 1
         titles.append(names[0] if is_still else f"{base}####{extension} {frames[0]}-{frames[-1]}")
     return titles
+
+
+def _pattern(name: str) -> str:
+    """Return the pattern of a file with a frame number."""
+    base, _, extension = _split(name)
+    return f"{base}####{extension}"
 
 
 def _by_frame(folder: Path, names: list[str], base: str, extension: str) -> dict[int, Path]:

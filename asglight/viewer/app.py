@@ -8,21 +8,25 @@ from. The packages that only the viewer needs are loaded here, when they are nee
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from asglight.errors import InputError
 from asglight.shader_files import ShaderError
 from asglight.viewer.session import Session
 
-_EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL"}
+if TYPE_CHECKING:
+    from asglight.viewer.io.wanted import Wanted
+
+_EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL", "imageio_ffmpeg"}
 """Packages that only the viewer needs."""
 
 
-def set_up(session: Session, frame: int | None, exposure_ev: float | None) -> None:
+def set_up(session: Session, frame: float | None, exposure_ev: float | None) -> None:
     """Bring a new session into the state that the command line asks for.
 
     Args:
         session: Changed in place.
-        frame: Frame to show; None for the first.
+        frame: Frame to show, or a time between two; None for the first.
         exposure_ev: Stops; None to meter the first light.
 
     Raises:
@@ -32,18 +36,22 @@ def set_up(session: Session, frame: int | None, exposure_ev: float | None) -> No
     session.meters = exposure_ev is None
     state.display.exposure_ev = exposure_ev or 0.0
     if frame is not None:
-        if frame not in state.playback.frames:
-            raise InputError(_missing_frame(frame, session.title, state.playback.frames))
-        state.playback.go_to(frame)
+        frames = state.playback.frames
+        is_between = frame != int(frame) and frames[0] < frame < frames[-1]
+        if frame not in frames and not is_between:
+            raise InputError(_missing_frame(frame, session.title, frames))
+        state.playback.go_to_time(frame)
 
 
-def show(session: Session, opener: Callable[[str], Session | None], size: tuple[int, int]) -> None:
+def show(
+    session: Session, opener: Callable[[str], Session | None], size: tuple[int, int] | None
+) -> None:
     """Show a session until its window is closed.
 
     Args:
         session: What to show; the controls change its state.
         opener: Opens what is dropped on the window: a session, or None for images.
-        size: The window's columns and rows at the start, (W, H).
+        size: The window's columns and rows at the start, (W, H); None for those it had last.
 
     Raises:
         InputError: A package is missing, there is no display, or no OpenGL that is new enough.
@@ -74,6 +82,39 @@ def write_screenshot(
     saving.write_png(path, screenshot.window_picture(session, size, is_bare=is_bare))
 
 
+def write_rendering(session: Session, wanted: "Wanted") -> Iterator[int]:
+    """Write pictures of a session off screen.
+
+    Args:
+        session: What to render.
+        wanted: Which pictures, and where.
+
+    Yields:
+        How many there will be, once for each that is written.
+
+    Raises:
+        InputError: A package is missing, there is no OpenGL, or a picture cannot be had or written.
+    """
+    with _explained_imports():
+        from asglight.viewer import context
+        from asglight.viewer.io.rendering import Rendering
+        from asglight.viewer.renderer import Renderer
+    session.wait()
+    if session.meters:
+        session.update()
+    opengl = context.standalone_context()
+    rendering = Rendering(session, Renderer(opengl), wanted)
+    try:
+        while rendering.done < rendering.count:
+            before = rendering.done
+            rendering.step()
+            if rendering.done > before:
+                yield rendering.count
+    finally:
+        rendering.close()
+        opengl.release()
+
+
 def check() -> int:
     """Print what OpenGL there is and whether it takes each shader; 1 where it does not, else 0.
 
@@ -98,9 +139,9 @@ def check() -> int:
     return 1 if failures else 0
 
 
-def _missing_frame(frame: int, title: str, frames: tuple[int, ...]) -> str:
+def _missing_frame(frame: float, title: str, frames: tuple[int, ...]) -> str:
     held = f"{frames[0]}-{frames[-1]}, {len(frames)} frames"
-    return f"--frame {frame}: not in {title}; expected one that it holds ({held})."
+    return f"--frame {frame:.10g}: not in {title}; expected one that it holds ({held})."
 
 
 @contextlib.contextmanager

@@ -36,6 +36,11 @@ class Ball:
     f0: Rgb = (1.0, 1.0, 1.0)
     albedo: Rgb = (0.0, 0.0, 0.0)
 
+    @property
+    def name(self) -> str:
+        """What the ball is called."""
+        return "Lambert" if self.roughness is None else f"roughness {self.roughness:g}"
+
 
 WHITE: Rgb = (1.0, 1.0, 1.0)
 F0_DIELECTRIC: Rgb = (0.04, 0.04, 0.04)

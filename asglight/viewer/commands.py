@@ -89,6 +89,10 @@ def _next_comparison(state: ViewerState) -> None:
         state.message = "Nothing to compare with. Drop an HDR image or sequence on the window."
 
 
+def _next_outlines(state: ViewerState) -> None:
+    state.outlines = _following(state.outlines)
+
+
 def _next_subject(state: ViewerState) -> None:
     if state.references is not None:
         state.compared.subject = _following(state.compared.subject)
@@ -102,16 +106,22 @@ def _toggle_background(state: ViewerState) -> None:
     state.environment.is_shown = not state.environment.is_shown
 
 
-def _toggle(chosen: set[int], state: ViewerState) -> None:
-    if state.selection.lobe is None:
-        state.message = "No lobe is selected. Click one in the map or in the list."
-    else:
-        chosen.symmetric_difference_update({state.selection.lobe})
+def _of_selected(action: Callable[[ViewerState, int], None]) -> Callable[[ViewerState], None]:
+    def _run(state: ViewerState) -> None:
+        if state.selection.lobe is None:
+            state.message = "No lobe is selected. Click one in the map or in the list."
+        else:
+            action(state, state.selection.lobe)
+
+    return _run
+
+
+def _toggle_solo(state: ViewerState, lobe: int) -> None:
+    state.selection.solo.symmetric_difference_update({lobe})
 
 
 def _all_lobes(state: ViewerState) -> None:
     state.selection.solo.clear()
-    state.selection.muted.clear()
     state.select(None)
 
 
@@ -141,11 +151,18 @@ COMMANDS = (
     Command("Time", "Space", "Play or pause", _toggle_play),
     Command("Time", "Right", "Next frame", lambda s: s.playback.step(1), repeats=True),
     Command("Time", "Left", "Previous frame", lambda s: s.playback.step(-1), repeats=True),
+    Command(
+        "Time", "Shift+Right", "Half a frame on", lambda s: s.playback.step_half(1), repeats=True
+    ),
+    Command(
+        "Time", "Shift+Left", "Half a frame back", lambda s: s.playback.step_half(-1), repeats=True
+    ),
     Command("Time", "Home", "First frame", lambda s: s.playback.go_to(s.playback.frames[0])),
     Command("Time", "End", "Last frame", lambda s: s.playback.go_to(s.playback.frames[-1])),
     Command("Time", "I", "In point here", lambda s: s.playback.mark_in()),
     Command("Time", "O", "Out point here", lambda s: s.playback.mark_out()),
     Command("Time", "Shift+I", "All frames between in and out", lambda s: s.playback.clear_marks()),
+    Command("Time", "Shift+F", "All of the shot in the timeline", lambda s: s.span.show_all()),
     Command("Time", "L", "Loop", _toggle_loop),
     Command("Time", "P", "Real time (drops frames) or every frame", _next_pace),
     Command("Look", "E", "Brighter", lambda s: s.display.expose(EXPOSURE_EV_STEP), repeats=True),
@@ -175,15 +192,20 @@ COMMANDS = (
     ),
     Command("Look", "V", "Camera and environment at rest", lambda s: s.camera.reset()),
     Command("Compare", "R", "Next comparison", _next_comparison),
-    Command("Compare", "Shift+R", "Total, fit error or shading error", _next_subject),
-    Command("Lobes", "S", "Solo the selected lobe", lambda s: _toggle(s.selection.solo, s)),
-    Command("Lobes", "X", "Mute the selected lobe", lambda s: _toggle(s.selection.muted, s)),
-    Command("Lobes", "Escape", "All lobes, none selected", _all_lobes),
+    Command("Compare", "Shift+R", "Overall, fit only or shading only", _next_subject),
+    Command("Lobes", "S", "Solo the selected lobe", _of_selected(_toggle_solo)),
+    Command("Lobes", "X", "Mute the selected lobe", _of_selected(ViewerState.toggle_mute)),
+    Command("Lobes", "H", "Outlines in the map: all, selected, none", _next_outlines),
+    Command("Lobes", "Escape", "End the solo, select none", _all_lobes),
     Command("Lobes", "Ctrl+Z", "Undo", _undo, repeats=True),
     Command("Lobes", "Ctrl+Shift+Z", "Redo", _redo, repeats=True),
     Command("File", "Ctrl+O", "Open", _request(Request.OPEN)),
     Command("File", "Ctrl+S", "Save the edits as a layer", _request(Request.SAVE_EDITS)),
     Command("File", "Ctrl+P", "Save the picture", _request(Request.SAVE_PICTURE)),
+    Command("File", "Ctrl+R", "Render the frames", _request(Request.RENDER)),
+    Command("File", "Ctrl+L", "Render the frames with labels", _request(Request.RENDER_LABELLED)),
+    Command("File", "Ctrl+T", "Render a turntable", _request(Request.RENDER_TURNTABLE)),
+    Command("File", "Ctrl+Q", "Quit", _request(Request.QUIT)),
     Command("Window", "Tab", "Panels", _toggle_panels),
     Command("Window", "F1", "List of keys", _toggle_help),
 )

@@ -51,11 +51,11 @@ class Comparison(StrEnum):
 class Subject(StrEnum):
     """What is compared with what, so that an error has one cause."""
 
-    TOTAL = "total"
+    TOTAL = "overall"
     """The lobes' closed form against the map's integral: what a user of the lights sees."""
-    FIT = "fit error"
+    FIT = "fit only"
     """The lobes' integral against the map's: what the lobes lack."""
-    SHADING = "shading error"
+    SHADING = "shading only"
     """The lobes' closed form against their integral: what the formulas lack."""
 
 

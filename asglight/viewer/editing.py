@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The edit under the user's hand: sliders and drags that become one live edit of a history."""
+"""The edit under the user's hand: controls and drags that become one live edit of a history."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from asglight.lobes import Form
-from asglight.viewer.balls import WHITE, Rgb
-from asglight.viewer.edits import EditHistory, scale_amplitude, scale_sharpness, turn
-
-SHARPNESS_STOPS = 6.0
-"""Powers of 2 of one edit's sharpness: a lobe eight times wider or narrower, and again."""
+from asglight.lobes import Lobes
+from asglight.viewer.absolute import colour_edit, edit_of
+from asglight.viewer.edits import EditHistory, turn
 
 
 class Scope(StrEnum):
@@ -22,36 +19,29 @@ class Scope(StrEnum):
 
 @dataclass
 class Editing:
-    """Where the sliders of the selected lobe stand.
+    """What the hand holds.
 
     Attributes:
         scope: Where the edit holds.
-        gain_ev: Stops added to the amplitude.
-        tint: Linear RGB factors of the amplitude.
-        sharpness_x: Powers of 2 by which the sharpness along x grows.
-        sharpness_y: The same along y.
         drag_from: Direction at which a lobe was taken to be turned, or None.  [3]
     """
 
     scope: Scope = Scope.ALL
-    gain_ev: float = 0.0
-    tint: Rgb = WHITE
-    sharpness_x: float = 0.0
-    sharpness_y: float = 0.0
     drag_from: Sequence[float] | None = None
 
-    def light(self, history: EditHistory, lobe: int, frame_index: int) -> None:
-        """Show a lobe as bright and coloured as the sliders say."""
-        frame = self._frame(frame_index)
-        history.drag(scale_amplitude(lobe, frame, self.gain_ev, self.tint))
+    def set_value(
+        self, history: EditHistory, lobe: int, frame_index: int, field: str, value: float
+    ) -> None:
+        """Show a lobe with another value in a frame; `field` is one of absolute.FIELDS."""
+        place = lobe, self._frame(frame_index)
+        history.drag(edit_of(self._lobe(history, lobe, frame_index), place, field, value))
 
-    def sharpen(self, history: EditHistory, lobe: int, frame_index: int) -> None:
-        """Show a lobe as narrow as the sliders say."""
-        along_y = self.sharpness_y
-        if history.original.lobes.form is Form.SG:  # isotropic: x speaks for both
-            along_y = self.sharpness_x
-        frame = self._frame(frame_index)
-        history.drag(scale_sharpness(lobe, frame, self.sharpness_x, along_y))
+    def set_colour(
+        self, history: EditHistory, lobe: int, frame_index: int, colour: Sequence[float]
+    ) -> None:
+        """Show a lobe in another colour of the same luminance."""
+        place = lobe, self._frame(frame_index)
+        history.drag(colour_edit(self._lobe(history, lobe, frame_index), place, colour))
 
     def turn_to(
         self, history: EditHistory, lobe: int, frame_index: int, direction: Sequence[float]
@@ -61,11 +51,12 @@ class Editing:
         history.drag(turn(lobe, self._frame(frame_index), self.drag_from, direction))
 
     def commit(self, history: EditHistory) -> None:
-        """Make what is shown a step, and put the sliders back: the next edit starts from there."""
+        """Make what is shown a step: the next edit starts from there."""
         history.commit()
-        self.gain_ev = self.sharpness_x = self.sharpness_y = 0.0
-        self.tint = WHITE
         self.drag_from = None
+
+    def _lobe(self, history: EditHistory, lobe: int, frame_index: int) -> Lobes:
+        return history.committed.lobes[frame_index, lobe]
 
     def _frame(self, frame_index: int) -> int | None:
         return None if self.scope is Scope.ALL else frame_index

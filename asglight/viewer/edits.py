@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edits of lobe tracks: brighter, sharper, turned, in one frame or in all; undone and redone.
 
-Plain data: tracks go in and new tracks come out. An edit says by how much, not to what, so the same
-edit of all frames keeps what a lobe does over time.
+Muting is an edit as well. Plain data: tracks go in and new tracks come out. An edit says by how
+much, not to what, so the same edit of all frames keeps what a lobe does over time.
 """
 
 import math
@@ -34,6 +34,7 @@ class Edit:
         gain_log2: Stops by which red, green and blue of the amplitude grow.
         sharpness_log2: Powers of 2 by which the sharpness along x and y grows.
         rotation: Quaternion (w, x, y, z) by which the lobe turns, about the world's axes.
+        toggles_mute: Whether a lobe that lights is muted, and a muted one lights again.
     """
 
     lobe: int
@@ -41,6 +42,7 @@ class Edit:
     gain_log2: tuple[float, float, float] = (0.0, 0.0, 0.0)
     sharpness_log2: tuple[float, float] = (0.0, 0.0)
     rotation: tuple[float, float, float, float] = IDENTITY
+    toggles_mute: bool = False
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -56,9 +58,23 @@ class Edit:
             raise ValueError(f"rotation: {self.rotation}, expected a quaternion")
 
     @property
+    def what(self) -> str:
+        """What is done, in a few words."""
+        if self.toggles_mute:
+            return "mute on or off"
+        if any(self.rotation[1:]):
+            degrees = math.degrees(2 * math.acos(min(abs(self.rotation[0]), 1.0)))
+            return f"turn by {degrees:.1f} deg"
+        if any(self.sharpness_log2):
+            return "width and height"
+        red, green, blue = self.gain_log2
+        return f"intensity {red:+.2f} EV" if red == green == blue else "colour"
+
+    @property
     def is_identity(self) -> bool:
         """Whether nothing changes."""
-        return not any((*self.gain_log2, *self.sharpness_log2, *self.rotation[1:]))
+        changes = (*self.gain_log2, *self.sharpness_log2, *self.rotation[1:], self.toggles_mute)
+        return not any(changes)
 
 
 def scale_amplitude(
@@ -89,6 +105,15 @@ def scale_sharpness(lobe: int, frame_index: int | None, along_x: float, along_y:
         along_y: The sharpness along axis_y likewise; the same for a lobe of the sg form.
     """
     return Edit(lobe, frame_index, sharpness_log2=(along_x, along_y))
+
+
+def toggle_mute(lobe: int) -> Edit:
+    """Mute a lobe in all frames, or let a muted one light again.
+
+    Args:
+        lobe: Index of the lobe.
+    """
+    return Edit(lobe, toggles_mute=True)
 
 
 def turn(
@@ -162,11 +187,17 @@ class EditHistory:
         self._live: Edit | None = None
         self._done: list[tuple[Edit, Lobes]] = []
         self._undone: list[Edit] = []
+        self._saved: tuple[Edit, ...] = ()
 
     @property
     def tracks(self) -> LobeTracks:
         """The tracks with all edits, the live one included."""
         return self._shown
+
+    @property
+    def committed(self) -> LobeTracks:
+        """The tracks with the edits that are steps: what a live edit starts from."""
+        return self._committed
 
     @property
     def edits(self) -> tuple[Edit, ...]:
@@ -180,9 +211,71 @@ class EditHistory:
         return tuple(sorted({edit.lobe for edit in self.edits}))
 
     @property
+    def steps(self) -> tuple[Edit, ...]:
+        """The edits that are steps, those in force first, then those that can be made again."""
+        return (*(edit for edit, _ in self._done), *reversed(self._undone))
+
+    @property
+    def position(self) -> int:
+        """How many of the steps are in force."""
+        return len(self._done)
+
+    def go_to(self, position: int) -> None:
+        """Undo or redo until so many steps are in force."""
+        self.cancel()
+        while self.position > max(position, 0):
+            self.undo()
+        while self.position < position and self.can_redo:
+            self.redo()
+
+    @property
+    def muted(self) -> frozenset[int]:
+        """Indices of the lobes that are muted."""
+        muted: set[int] = set()
+        for edit in self.edits:
+            if edit.toggles_mute:
+                muted ^= {edit.lobe}
+        return frozenset(muted)
+
+    @property
+    def saved_tracks(self) -> LobeTracks:
+        """The tracks as a file holds them: with all edits, muted lobes black."""
+        muted = self.muted
+        if not muted:
+            return self._shown
+        lobes = self._shown.lobes.clone()
+        lobes.amplitude[:, sorted(muted)] = 0
+        return replace(self._shown, lobes=lobes)
+
+    @property
     def is_changed(self) -> bool:
         """Whether any edit is in force."""
         return bool(self.edits)
+
+    @property
+    def is_unsaved(self) -> bool:
+        """Whether the edits in force are others than those that were saved last."""
+        return self.edits != self._saved
+
+    def mark_saved(self, edits: tuple[Edit, ...]) -> None:
+        """Remember which edits a file holds; those made since are unsaved."""
+        self._saved = edits
+
+    def over(self, original: LobeTracks) -> "EditHistory":
+        """Return a history of other tracks with the edits of this one that they can take.
+
+        Args:
+            original: Tracks of the same frames, such as those that a fit has gone on with.
+        """
+        moved = EditHistory(original)
+        for edit, _ in self._done:
+            if edit.lobe < original.lobes.count:
+                moved.add(edit)
+        moved._undone = self._undone.copy()
+        moved._saved = self._saved
+        if self._live is not None and self._live.lobe < original.lobes.count:
+            moved.drag(self._live)
+        return moved
 
     @property
     def can_undo(self) -> bool:

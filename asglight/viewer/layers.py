@@ -90,7 +90,7 @@ def camera_key(state: ViewerState) -> tuple[float, ...]:
 
 def lobes_key(state: ViewerState) -> tuple[Any, ...]:
     """Return what the light depends on."""
-    return Held(state.tracks), state.playback.index, state.lit
+    return Held(state.tracks), state.playback.time, state.lit
 
 
 class ClosedForm(Layer):

@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The playhead: which frame is shown, and how it moves. Times are arguments, never asked for."""
+"""The playhead: which time is shown, and how it moves. Clocks are arguments, never asked for."""
 
+import math
 from bisect import bisect_left, bisect_right
+from collections import deque
 from collections.abc import Sequence
 from enum import StrEnum
 
 ROUNDING = 1e-6
 """Frame times by which a timer may miss a frame's beginning."""
+
+MEASURED = 25
+"""Pictures over which the rate is measured: a second, at the usual rate."""
 
 
 class Pace(StrEnum):
@@ -24,7 +29,9 @@ class Playback:
     Attributes:
         frames: Frame numbers, ascending, at least one; gaps are held on the frame before them.
         fps: Frames per second.
-        index: Place of the playhead in `frames`.
+        index: Place in `frames` of the frame at the playhead, or of the last one before it.
+        part: How far the playhead is from that frame to the next one, from 0 to below 1.
+        dropped: Frames that were left out since playing began.
         pace: What gives way when pictures are slow.
         loops: Whether the last frame is followed by the first.
         first: In point, a place in `frames`.
@@ -36,17 +43,42 @@ class Playback:
         self.frames = tuple(frames)
         self.fps = fps
         self.index = 0
+        self.part = 0.0
+        self.dropped = 0
         self.pace = Pace.REAL_TIME
         self.loops = True
         self.first, self.last = 0, len(self.frames) - 1
         self._now = 0.0
         self._clock: tuple[float, int] | None = None
         """When the playhead left which frame number; None while paused."""
+        self._arrivals: deque[float] = deque(maxlen=MEASURED)
 
     @property
     def frame(self) -> int:
-        """The number of the frame at the playhead."""
+        """The number of the frame at the playhead, or of the last one before it."""
         return self.frames[self.index]
+
+    @property
+    def next_frame(self) -> int:
+        """The number of the frame after it; at the last frame its own."""
+        return self.frames[min(self.index + 1, len(self.frames) - 1)]
+
+    @property
+    def time(self) -> float:
+        """The playhead in frame numbers; fractions lie between frames."""
+        return self.frame + self.part * (self.next_frame - self.frame)
+
+    @property
+    def is_between(self) -> bool:
+        """Whether the playhead stands between two frames."""
+        return self.part > 0
+
+    @property
+    def achieved_fps(self) -> float | None:
+        """Frames a second that were shown of late while playing; None until that is known."""
+        if self._clock is None or len(self._arrivals) < 2:
+            return None
+        return (len(self._arrivals) - 1) / max(self._arrivals[-1] - self._arrivals[0], 1e-9)
 
     @property
     def is_playing(self) -> bool:
@@ -55,13 +87,32 @@ class Playback:
 
     def go_to(self, frame: int) -> None:
         """Move to the frame nearest to a number, of two equally near ones the earlier; play on."""
-        self.index = self._nearest(frame)
+        self.index, self.part = self._nearest(frame), 0.0
         if self._clock is not None:
             self._clock = self._now, self.frame
+
+    def go_to_time(self, time: float) -> None:
+        """Move to a time between frames, and pause.
+
+        Args:
+            time: In frame numbers, held within the shot.
+        """
+        self.pause()
+        time = min(max(time, self.frames[0]), self.frames[-1])
+        self.index = min(bisect_right(self.frames, time), len(self.frames)) - 1
+        self.part = (time - self.frame) / max(self.next_frame - self.frame, 1)
+
+    def step_half(self, sign: int) -> None:
+        """Pause, and go half a frame forward or back: to the next half or whole frame."""
+        halves = self.time * 2
+        self.go_to_time((math.floor(halves) + 1 if sign > 0 else math.ceil(halves) - 1) / 2)
 
     def step(self, count: int) -> None:
         """Pause, and go forward or back by so many frames that exist, stopping at the ends."""
         self.pause()
+        if self.is_between and count < 0:  # back to the frame before it
+            count += 1
+        self.part = 0.0
         self.index = max(0, min(len(self.frames) - 1, self.index + count))
 
     def play(self, now: float) -> None:
@@ -72,6 +123,10 @@ class Playback:
         """
         if not self.first <= self.index < self.last:
             self.index = self.first
+        self.part = 0.0
+        self.dropped = 0
+        self._arrivals.clear()
+        self._arrivals.append(now)
         self._now = now
         self._clock = now, self.frame
 
@@ -86,6 +141,16 @@ class Playback:
             now: Seconds on the clock of `play`.
         """
         self._now = now
+        before = self.index
+        self._advance(now)
+        if self._clock is not None and self.index != before:
+            self._arrivals.append(now)
+            if self.index > before:
+                self.dropped += self.index - before - 1
+            else:  # around the end
+                self.dropped += self.last - before + self.index - self.first
+
+    def _advance(self, now: float) -> None:
         if self._clock is None:
             return
         start, origin = self._clock

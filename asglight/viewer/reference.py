@@ -2,11 +2,12 @@
 """The images that the lobes are compared with, at the frames of the timeline."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from asglight.images import open_sequence
-from asglight.images.frame_files import ranges
+from asglight.images import frame_files, open_sequence
+from asglight.images.frame_files import ranges, sequence_of
 from asglight.images.options import ReadOptions
 from asglight.viewer.prefetch import FrameCache
 
@@ -84,12 +85,45 @@ class Reference:
         """Return the runs of decoded frames, first and last; a single image has no runs."""
         return [] if self.is_still else self._cache.cached_ranges()
 
+    def held_line(self) -> str:
+        """Return in one line that the one image stands for every frame."""
+        return f"Its one image, {self._title()}, is held for every frame."
+
+    def label(self, frame: int) -> str:
+        """Return what is shown at a frame where that is not the frame itself; empty otherwise."""
+        return f"{self._title()} held" if self.is_still and frame != self.frames[0] else ""
+
     def close(self) -> None:
         """End the decoding threads and forget the images."""
         self._cache.close()
 
+    def _title(self) -> str:
+        """Return what the one image is called: its frame, where its name has one."""
+        return self.name if self.frames == (1,) else f"{self.name} {self.frames[0]}"
+
     def _shown(self, frame: int) -> int:
         return self.frames[0] if self.is_still else frame
+
+
+def whole_sequence(source: str, frames: Sequence[int]) -> str | None:
+    """Return the sequence that a single image belongs to, where a shot has frames of it.
+
+    A shot is compared with its sequence: one image held against all of its frames would be wrong in
+    each but one.
+
+    Args:
+        source: What is to be opened.
+        frames: The frames of the shot.
+
+    Returns:
+        The pattern; None where the source is no single image or its sequence no other frame of the
+        shot.
+    """
+    pattern = sequence_of(Path(source))
+    if pattern is None:
+        return None
+    held = set(frame_files.find(pattern).files) & set(frames)
+    return pattern if len(held) > 1 else None
 
 
 def open_reference(

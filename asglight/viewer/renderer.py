@@ -30,7 +30,7 @@ from asglight.viewer.passes import (
     display_target,
     release_target,
 )
-from asglight.viewer.state import Compared, ViewerState
+from asglight.viewer.state import ViewerState
 
 
 @dataclass
@@ -67,6 +67,7 @@ class Renderer:
         self._lobes_image: tuple[Any, np.ndarray] | None = None
         self._shown = {name: _Shown(context) for name in ("balls", "map")}
         self._last: tuple[Picture, Picture | None] | None = None
+        self._pixel: tuple[Any, tuple[np.ndarray | None, np.ndarray | None]] | None = None
         self._errors: tuple[Any, list[float | None]] | None = None
         self._light: Any = None
         self._is_draft = False
@@ -97,7 +98,7 @@ class Renderer:
             divisor = self._draft.divisor
             with self._stopwatch:
                 self._last = self._pair(state, (-(-size[0] // divisor), -(-rows // divisor)))
-        return self._bring("balls", state, state.compared, self._last, self._versions(), size)
+        return self._bring("balls", state, state.shown, self._last, self._versions(), size)
 
     def _wants_draft(self, state: ViewerState) -> bool:
         """Tell whether the light moves: an exposure that is dragged shades nothing anew."""
@@ -123,7 +124,7 @@ class Renderer:
             reference = Picture(self._reference_map.texture)
         pair = Picture(self._lobes_map.texture), reference
         versions = self._lobes_map.version, self._reference_map.version
-        return self._bring("map", state, state.map_view, pair, versions, size)
+        return self._bring("map", state, state.shown_map, pair, versions, size)
 
     @property
     def shown_balls(self) -> moderngl.Framebuffer:
@@ -149,6 +150,13 @@ class Renderer:
         ]
         return found[0], found[1]
 
+    def probed(self, x: float, y: float) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Return what `pixel` returns, read again only where the picture is another one."""
+        key = (x, y, self._versions(), tuple(map(Held, self._last or ())))
+        if self._pixel is None or self._pixel[0] != key:
+            self._pixel = key, self.pixel(x, y)
+        return self._pixel[1]
+
     def ball_errors(self, state: ViewerState) -> list[float | None] | None:
         """Return the relative L1 error of each ball of the pair that is compared.
 
@@ -161,7 +169,8 @@ class Renderer:
         """
         quarter = int(4 * self.reference_progress)
         fit, reference = self._last or (None, None)
-        if fit is None or reference is None or quarter == 0 or state.is_moving:
+        waits = quarter == 0 or state.is_moving or not state.is_fitted
+        if fit is None or reference is None or waits:
             return None
         if fit.front.size != reference.front.size:  # the reference is still being read
             return None
@@ -172,6 +181,37 @@ class Renderer:
             errors = ball_errors(_pixels(fit.front), _pixels(reference.front), arrangement)
             self._errors = key, errors
         return self._errors[1]
+
+    def radiance(self, state: ViewerState) -> np.ndarray:
+        """Return the balls as they were drawn last, before any view: linear, unexposed.
+
+        Args:
+            state: The session, whose comparison it shows; the wipe as columns of both.
+
+        Returns:
+            Radiance with the environment's intensity; 0 where nothing is.  [H, W, 3]
+        """
+        fit, reference = (
+            None if picture is None else _composed(picture)
+            for picture in self._last or (None, None)
+        )
+        assert fit is not None  # `balls` comes first
+        shown = state.shown
+        if reference is None:
+            reference = np.zeros_like(fit)
+        if shown is Comparison.ROWS:
+            picture = np.concatenate([fit, reference])
+        elif shown is Comparison.WIPE:
+            at = round(state.compared.wipe * fit.shape[1])
+            picture = np.concatenate([fit[:, :at], reference[:, at:]], axis=1)
+        else:
+            picture = {
+                Comparison.FIT: fit,
+                Comparison.REFERENCE: reference,
+                Comparison.DIFFERENCE: fit - reference,
+                Comparison.RATIO: fit / np.maximum(reference, np.finfo(np.float32).tiny),
+            }[shown]
+        return picture * np.float32(2.0**state.environment.intensity_ev)
 
     def _pair(self, state: ViewerState, size: tuple[int, int]) -> tuple[Picture, Picture | None]:
         """Bring both layers up to date and return them."""
@@ -201,7 +241,7 @@ class Renderer:
         """Add samples to the balls under the lobes' map or the image, and return them."""
         if of_lobes not in self._integrals:
             self._integrals[of_lobes] = Integral(self._context, self._albedo_table)
-        name: Any = "map", Held(state.references), state.playback.frame
+        name: Any = "map", Held(state.references), state.playback.time
         if of_lobes:
             key = lobes_key(state)
             if self._lobes_image is None or self._lobes_image[0] != key:
@@ -244,17 +284,18 @@ class Renderer:
         self,
         name: str,
         state: ViewerState,
-        compared: Compared,
+        wanted: Comparison,
         pair: tuple[Picture, Picture | None],
         versions: tuple[int, ...],
         size: tuple[int, int],
     ) -> moderngl.Framebuffer:
         """Draw pictures in the screen's colours, if they or what is wanted of them changed."""
         fit, reference = pair
-        comparison = Comparison.FIT if reference is None else compared.shown
+        comparison = Comparison.FIT if reference is None else wanted
+        wipe = state.compared.wipe if name == "balls" else state.map_view.wipe
         shown = self._shown[name]
         textures = tuple(map(Held, (*fit, *(reference or ()))))
-        key = (textures, versions, *_display_key(state), comparison, compared.wipe)
+        key = (textures, versions, *_display_key(state), comparison, wipe)
         if not shown.needs(key, size):
             return shown.target
         columns, rows = size
@@ -273,7 +314,7 @@ class Renderer:
                 part,
                 shown.target,
                 gain_ev=state.environment.intensity_ev,
-                wipe=compared.wipe,
+                wipe=wipe,
                 area=area,
             )
         self.displayed += 1
@@ -304,6 +345,15 @@ def _display_key(state: ViewerState) -> tuple[Any, ...]:
     display = state.display
     values = (display.exposure_ev, display.transform, display.channel, display.zebra)
     return (*values, state.environment.intensity_ev)
+
+
+def _composed(picture: Picture) -> np.ndarray:
+    """Return balls over their background, if there is one, row 0 at the top.  [H, W, 3]."""
+    front = _pixels(picture.front)
+    radiance = front[..., :3]
+    if picture.background is None:
+        return radiance
+    return radiance + (1 - front[..., 3:]) * _pixels(picture.background)[..., :3]
 
 
 def _pixels(texture: moderngl.Texture) -> np.ndarray:

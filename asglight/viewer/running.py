@@ -1,32 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
 """How hello_imgui runs the window: its loop, its layout, its OpenGL."""
 
+import tempfile
 import warnings
+from pathlib import Path
 
-from imgui_bundle import hello_imgui, imgui, immapp
+from imgui_bundle import hello_imgui, immapp
 
 # After imgui_bundle: the first of the two to be imported decides whose GLFW both use.
 import glfw  # isort: skip
 
 from asglight.errors import InputError
+from asglight.viewer import layout
 from asglight.viewer.context import GL_VERSION
+from asglight.viewer.io.documents import Opener
 from asglight.viewer.session import Session
-from asglight.viewer.window import Opener, Window
+from asglight.viewer.window import Window
+
+SIZE = (1600, 1000)
+"""Columns and rows of the first window."""
 
 FPS_MAX = 60.0
 """Pictures per second at most: without vertical sync the loop would take all of a core."""
 
-FPS_IDLE = 5.0
-"""Pictures per second while nothing changes."""
+FPS_IDLE = 0.5
+"""Pictures per second while nothing changes and no event comes: any event draws one at once."""
 
 
-def show(session: Session, opener: Opener, size: tuple[int, int]) -> None:
+_CONFIG = hello_imgui.IniFolderType.app_user_config_folder
+
+
+def show(session: Session, opener: Opener, size: tuple[int, int] | None) -> None:
     """Show a session until its window is closed.
 
     Args:
         session: What to show; the controls change its state.
         opener: Opens other files.
-        size: The window's columns and rows at the start, in points, (W, H).
+        size: The window's columns and rows at the start, in points, (W, H); None for those that
+            it had last.
 
     Raises:
         InputError: There is no display, or no OpenGL that is new enough.
@@ -38,11 +49,18 @@ def show(session: Session, opener: Opener, size: tuple[int, int]) -> None:
                 "window: no display; expected a desktop session. "
                 "Use --screenshot, which needs no display."
             )
-    run(Window(session, opener), size)
+    folder = settings_folder()
+    kept = None if settings_finding(folder) else folder / "unsaved"
+    run(Window(session, opener, kept), size or SIZE, keeps_size=size is None)
 
 
 def run(
-    window: Window, size: tuple[int, int], *, is_bare: bool = False, is_hidden: bool = False
+    window: Window,
+    size: tuple[int, int],
+    *,
+    is_bare: bool = False,
+    is_hidden: bool = False,
+    keeps_size: bool = False,
 ) -> None:
     """Run a window's loop until it is closed.
 
@@ -50,12 +68,18 @@ def run(
         window: The window.
         size: Columns and rows at the start, in points.
         is_bare: Whether to leave the panels out.
+        keeps_size: Whether the window is as large as it was last.
         is_hidden: Whether nobody looks: it is not shown, and the user's layout stays untouched.
 
     Raises:
         InputError: There is no OpenGL that is new enough.
     """
     params = runner_params(window, size, is_bare=is_bare)
+    params.app_window_params.restore_previous_geometry = keeps_size
+    finding = "" if is_hidden else settings_finding(settings_folder())
+    if finding:
+        params.ini_disable = True
+        window.state.message = finding
     if is_hidden:
         params.ini_disable = params.app_window_params.hidden = True
         params.fps_idling.enable_idling, params.fps_idling.fps_max = False, 0.0
@@ -72,6 +96,24 @@ def run(
     window.raise_failure()
 
 
+def settings_folder() -> Path:
+    """Return where settings, layout, recent files and unsaved edits are kept."""
+    return Path(hello_imgui.ini_folder_location(_CONFIG)) / "asglight"
+
+
+def settings_finding(folder: Path) -> str:
+    """Return why nothing can be kept in a folder, in one line; empty where it can."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return ""
+    except OSError as error:
+        return (
+            f"{folder}: cannot be written ({error.strerror}); settings, layout, recent files and "
+            "unsaved edits are not kept. Make the folder writable."
+        )
+
+
 def runner_params(
     window: Window, size: tuple[int, int], *, is_bare: bool = False
 ) -> hello_imgui.RunnerParams:
@@ -79,7 +121,7 @@ def runner_params(
     params = hello_imgui.RunnerParams()
     params.app_window_params.window_title = f"{window.session.title} - asglight"
     params.app_window_params.window_geometry.size = size
-    params.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder
+    params.ini_folder_type = _CONFIG
     params.ini_filename = "asglight/viewer.ini"
     options = params.renderer_backend_options.open_gl_options
     options.major_version, options.minor_version = GL_VERSION
@@ -91,6 +133,7 @@ def runner_params(
     params.callbacks.post_init = window.opened
     params.callbacks.pre_new_frame = window.guarded(window.before_picture)
     params.callbacks.before_exit = window.closed
+    params.callbacks.confirm_exit = window.confirm_exit
     kinds = hello_imgui.DefaultImGuiWindowType
     if is_bare:
         params.imgui_window_params.default_imgui_window_type = kinds.provide_full_screen_window
@@ -99,24 +142,12 @@ def runner_params(
     params.imgui_window_params.default_imgui_window_type = kinds.provide_full_screen_dock_space
     params.imgui_window_params.show_menu_bar = True
     params.imgui_window_params.show_menu_app = False
+    params.imgui_window_params.show_menu_view = False
     params.imgui_window_params.show_status_bar = True
     params.imgui_window_params.show_status_fps = False
     params.callbacks.show_menus = window.guarded(window.menus)
     params.callbacks.show_status = window.guarded(window.status)
     params.callbacks.show_gui = window.guarded(window.keys)
-    params.docking_params.docking_splits = _splits()
     params.docking_params.dockable_windows = window.panels()
+    params.docking_params.docking_splits = layout.splits(size, layout.FONT_POINTS)
     return params
-
-
-def _splits() -> list[hello_imgui.DockingSplit]:
-    """Return the layout: balls over map and curves, controls on the right, time below."""
-    down, right = imgui.Dir.down, imgui.Dir.right
-    return [
-        hello_imgui.DockingSplit("MainDockSpace", "RightSpace", right, 0.24),
-        hello_imgui.DockingSplit("RightSpace", "LobesSpace", down, 0.54),
-        hello_imgui.DockingSplit("LobesSpace", "InspectorSpace", down, 0.26),
-        hello_imgui.DockingSplit("MainDockSpace", "TimelineSpace", down, 0.12),
-        hello_imgui.DockingSplit("MainDockSpace", "LowerSpace", down, 0.42),
-        hello_imgui.DockingSplit("LowerSpace", "CurvesSpace", right, 0.5),
-    ]

@@ -9,9 +9,11 @@ import numpy as np
 from PIL import Image
 
 from asglight.errors import InputError
+from asglight.images.message import shown
 from asglight.images.output import written_beside
 from asglight.lobes import LobeTracks
 from asglight.usd import write_edit_layer
+from asglight.viewer.edits import Edit
 from asglight.viewer.session import Session
 
 
@@ -22,32 +24,54 @@ class Edited(NamedTuple):
         stage: The stage that the lobes were read from.
         tracks: The tracks with their edits.
         lobes: Indices of the lobes that were edited.
+        edits: The edits that the tracks hold.
     """
 
     stage: Path | None
     tracks: LobeTracks
     lobes: tuple[int, ...]
+    edits: tuple[Edit, ...]
 
 
 def edited(session: Session) -> Edited:
     """Return what a session has edited."""
     history = session.state.history
-    return Edited(session.stage, history.tracks, history.edited_lobes)
+    return Edited(session.stage, history.saved_tracks, history.edited_lobes, history.edits)
+
+
+def check_can_save(session: Session) -> None:
+    """Raise if the edits of a session cannot be saved, before a file is named for them.
+
+    Raises:
+        InputError: Nothing is edited, or there is no stage under the edits, perhaps not yet.
+    """
+    if not session.state.history.edited_lobes:
+        raise InputError("edits: none made; expected one or more. Change a lobe first.")
+    if session.stage is None:
+        raise InputError(
+            "edits: no stage under them; expected lobes that were read from one. "
+            "Fit with: asglight fit INPUT -o shot.usda, and open that."
+        )
+    if not session.stage.exists():
+        raise InputError(
+            f"edits: {shown(session.stage.name)} is not written yet; expected a fit that has "
+            "ended. The edits are kept: save them then."
+        )
+
+
+def edits_name(session: Session) -> str:
+    """Return a name for the edits of a session's stage: `demo_edits.usda` for `demo.usda`."""
+    stem = session.stage.stem if session.stage is not None else Path(session.title).stem
+    return f"{stem}_edits.usda"
 
 
 def save_edits(edits: Edited, path: Path) -> None:
     """Write edits as a layer that leaves the stage untouched.
 
     Raises:
-        InputError: Nothing is edited, there is no stage under the edits, or it cannot be written.
+        InputError: The layer cannot be written.
     """
-    if not edits.lobes:
-        raise InputError("edits: none made; expected one or more. Change a lobe first.")
-    if edits.stage is None:
-        raise InputError(
-            "edits: no stage under them; expected lobes that were read from one. "
-            "Fit with: asglight fit INPUT -o shot.usda, and open that."
-        )
+    assert edits.stage is not None  # as check_can_save has seen
     write_edit_layer(path, edits.stage, edits.tracks, edits.lobes)
 
 

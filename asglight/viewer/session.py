@@ -53,11 +53,14 @@ class Session:
         if tracks is not None:
             self._found = frozenset(tracks.frames)
             self.state.replace_tracks(padded(tracks, self.state.playback.frames))
+        status = self.source.status()
+        self.state.is_fitting = not status.is_finished
+        self.state.fitted = self._found if self.state.is_fitting else None
         if self.meters:
             self.meters = not self.state.meter()
         if self.state.references is not None:
             self.state.references.look_at(self.state.playback.frame, direction)
-        return self.source.status()
+        return status
 
     def wait(self) -> None:
         """Wait until the shown frame is complete: its lobes, and its reference image.
@@ -71,11 +74,13 @@ class Session:
             status = self.update()
         if status.failure is not None and self.state.playback.frame not in self._found:
             raise InputError(status.failure)
-        references, frame = self.state.references, self.state.playback.frame
-        if references is not None and references.wait(frame, REFERENCE_SECONDS) is None:
-            message = references.message(frame)
-            if message is not None:
-                raise InputError(message)
+        references, playback = self.state.references, self.state.playback
+        frames = {playback.frame, playback.next_frame} if playback.is_between else {playback.frame}
+        for frame in sorted(frames):
+            if references is not None and references.wait(frame, REFERENCE_SECONDS) is None:
+                message = references.message(frame)
+                if message is not None:
+                    raise InputError(message)
 
     def close(self) -> None:
         """End what runs in the background."""

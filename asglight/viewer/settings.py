@@ -7,7 +7,7 @@ from contextlib import suppress
 from asglight.viewer.balls import Material
 from asglight.viewer.display import ViewTransform
 from asglight.viewer.playback import Pace
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state import Theme, ViewerState
 
 
 def as_text(state: ViewerState) -> str:
@@ -19,6 +19,7 @@ def as_text(state: ViewerState) -> str:
             "material": state.material,
             "background": state.environment.is_shown,
             "pace": state.playback.pace,
+            "theme": state.theme,
             "loop": state.playback.loops,
         }
     )
@@ -38,6 +39,8 @@ def restore(state: ViewerState, text: str) -> None:
         state.material = Material(values.get("material"))
     with suppress(ValueError):
         state.playback.pace = Pace(values.get("pace"))
+    with suppress(ValueError):
+        state.theme = Theme(values.get("theme"))
     state.display.zebra = values.get("zebra") is True
     state.environment.is_shown = values.get("background") is True
     state.playback.loops = values.get("loop") is not False

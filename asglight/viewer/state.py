@@ -4,14 +4,16 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from enum import Enum, auto
+from dataclasses import dataclass, field, replace
+from enum import Enum, StrEnum, auto
+from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 import torch
 
 from asglight.errors import InputError
-from asglight.lobes import Form, Lobes, LobeTracks, asg, flat
+from asglight.lobes import Form, Lobes, LobeTracks, asg, flat, motion
 from asglight.viewer.balls import WHITE, Ball, Material, Rgb, ball_row
 from asglight.viewer.camera import Camera
 from asglight.viewer.display import (
@@ -23,10 +25,12 @@ from asglight.viewer.display import (
     Subject,
 )
 from asglight.viewer.editing import Editing
-from asglight.viewer.edits import EditHistory
+from asglight.viewer.edits import EditHistory, toggle_mute
+from asglight.viewer.held import Held
 from asglight.viewer.picking import energies
 from asglight.viewer.playback import Playback
 from asglight.viewer.reference import Reference
+from asglight.viewer.time_span import TimeSpan
 
 MAX_LOBES = 128
 """Lobes in a frame: 8 KiB of the 16 KiB that every OpenGL has for a uniform block."""
@@ -49,6 +53,28 @@ class Request(Enum):
     OPEN = auto()
     SAVE_EDITS = auto()
     SAVE_PICTURE = auto()
+    RENDER = auto()
+    RENDER_LABELLED = auto()
+    RENDER_TURNTABLE = auto()
+    QUIT = auto()
+
+
+RENDERS = (Request.RENDER, Request.RENDER_LABELLED, Request.RENDER_TURNTABLE)
+
+
+class Theme(StrEnum):
+    """Colours of the window around the pictures."""
+
+    DARK = "dark"
+    LIGHT = "light"
+
+
+class Outlines(StrEnum):
+    """Which lobes are drawn over the map."""
+
+    ALL = "all outlines"
+    SELECTED = "selected only"
+    NONE = "no outlines"
 
 
 @dataclass
@@ -66,21 +92,17 @@ class Environment:
 
 @dataclass
 class Selection:
-    """Which lobes are looked at, and which light.
+    """Which lobes are looked at: a matter of the view; muting is an edit (edits.py).
 
     Attributes:
         lobe: Index of the selected one.
         solo: While there are any, only these light.
-        muted: These do not.
+        is_new: Whether the list has not shown it yet.
     """
 
     lobe: int | None = None
     solo: set[int] = field(default_factory=set)
-    muted: set[int] = field(default_factory=set)
-
-    def lights(self, lobe: int) -> bool:
-        """Tell whether a lobe takes part."""
-        return lobe not in self.muted and (not self.solo or lobe in self.solo)
+    is_new: bool = False
 
 
 @dataclass
@@ -109,6 +131,21 @@ class Compared:
 
 
 @dataclass(frozen=True)
+class Probe:
+    """Where numbers are read.
+
+    Attributes:
+        place: The map, or the balls.
+        x: Share of the picture's columns from the left.
+        y: Share of its rows from the top; of one row of balls.
+    """
+
+    place: Literal["map", "balls"]
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
 class Inspected:
     """What lies under the pointer.
 
@@ -128,12 +165,36 @@ class Inspected:
     shares: list[tuple[int, float]]
 
 
+@lru_cache(maxsize=4)
+def shown_lobes(tracks: Held[LobeTracks], index: int, part: float) -> Lobes:
+    """Return the lobes of a frame, or between it and the next one.  [N, .].
+
+    Args:
+        tracks: The shot.
+        index: Place of the frame.
+        part: How far to the next one (lobes/motion.py has the rule).
+    """
+    if not part:
+        return tracks.value.lobes[index]
+    pair = slice(index, index + 2)
+    frames, lobes = tracks.value.frames[pair], tracks.value.lobes[pair]
+    time = frames[0] + part * (frames[1] - frames[0])
+    return motion.at(replace(tracks.value, frames=frames, lobes=lobes), [time])[0].to(torch.float32)
+
+
+@lru_cache(maxsize=2)
+def dissolved(first: Held[np.ndarray], last: Held[np.ndarray], part: float) -> np.ndarray:
+    """Return two images mixed, float32 [H, W, 3]."""
+    return ((1 - part) * first.value + part * last.value).astype(np.float32)
+
+
 class ViewerState:
     """A session of the viewer.
 
     Attributes:
         history: The tracks with their edits.
         playback: The playhead.
+        span: The part of the shot that the timeline shows.
         references: Images of the same frames to compare with, or None.
         display: How radiance is shown.
         camera: Where the balls are seen from.
@@ -145,9 +206,14 @@ class ViewerState:
         base_colour: Their colour, linear RGB.
         is_dragging: Whether the mouse changes something at this moment.
         has_panels: Whether the panels are shown beside the balls.
+        theme: Colours of the window.
+        outlines: Which lobes are drawn over the map.
         has_help: Whether the list of keys is shown.
         message: One line about what was done or went wrong last.
-        inspected: What the pointer was over last.
+        inspected: What the pointer was over last, in the frame that is shown.
+        probe: Where that is.
+        fitted: Frames whose lobes are known; None for all.
+        is_fitting: Whether more lobes will come.
         editing: Where the sliders of the selected lobe stand.
         moves_wipe: Whether the drag that goes on began on the wipe line.
         requests: What the window is to do.
@@ -179,11 +245,16 @@ class ViewerState:
         self.base_colour: Rgb = WHITE
         self.is_dragging = False
         self.has_panels = True
+        self.theme = Theme.DARK
+        self.outlines = Outlines.ALL
         self.has_help = False
         self.message = ""
         self.editing = Editing()
         self.moves_wipe = False
         self.inspected: Inspected | None = None
+        self.probe: Probe | None = None
+        self.fitted: frozenset[int] | None = None
+        self.is_fitting = False
         self.requests: list[Request] = []
         self.references: Reference | None = None
         self.open(tracks, references)
@@ -202,6 +273,7 @@ class ViewerState:
             )
         self.history = EditHistory(tracks)
         self.playback = Playback(tracks.frames, tracks.fps)
+        self.span = TimeSpan(tracks.frames[0], tracks.frames[-1] + 1)
         self.selection = Selection(self._brightest())
         self.compare_with(references)
 
@@ -214,13 +286,14 @@ class ViewerState:
         self.map_view.comparison = Comparison.REFERENCE if references else Comparison.FIT
 
     def replace_tracks(self, tracks: LobeTracks) -> None:
-        """Take over newer lobes; edits of the older ones are dropped, the playhead stays."""
+        """Take over newer lobes, with the edits that were made to the older ones."""
         had_lobes = self.tracks.lobes.count > 0
-        self.history = EditHistory(tracks)
+        self.history = self.history.over(tracks)
         if not had_lobes:
             self.select(self._brightest())
         if tracks.frames != self.playback.frames:
             frame = self.playback.frame
+            self.span = TimeSpan(tracks.frames[0], tracks.frames[-1] + 1)
             self.playback = Playback(tracks.frames, tracks.fps)
             self.playback.go_to(frame)
 
@@ -236,13 +309,35 @@ class ViewerState:
 
     @property
     def lobes(self) -> Lobes:
-        """All lobes of the shown frame.  [N, .]."""
-        return self.tracks.lobes[self.playback.index]
+        """All lobes of the shown time.  [N, .]."""
+        return shown_lobes(Held(self.tracks), self.playback.index, self.playback.part)
+
+    @property
+    def fitted_lobes(self) -> Lobes:
+        """All lobes of the shown frame as they were before any edit.  [N, .]."""
+        return self.history.original.lobes[self.playback.index]
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether the shown frame has its lobes."""
+        has_lobes = self.tracks.lobes.count > 0
+        return has_lobes and (self.fitted is None or self.playback.frame in self.fitted)
 
     @property
     def lit(self) -> tuple[int, ...]:
         """Indices of the lobes that light: neither muted nor outside a solo."""
-        return tuple(filter(self.selection.lights, range(self.tracks.lobes.count)))
+        lobes, solo = range(self.tracks.lobes.count), self.selection.solo
+        muted = self.history.muted
+        return tuple(n for n in lobes if n not in muted and (not solo or n in solo))
+
+    def lights(self, lobe: int) -> bool:
+        """Tell whether a lobe takes part."""
+        return lobe in self.lit
+
+    def toggle_mute(self, lobe: int) -> None:
+        """Mute a lobe, or let it light again: an edit as any other."""
+        self.history.commit()
+        self.history.add(toggle_mute(lobe))
 
     @property
     def lit_lobes(self) -> Lobes:
@@ -261,18 +356,45 @@ class ViewerState:
 
     @property
     def shown(self) -> Comparison:
-        """What the balls show of fit and reference: without a reference, the fit."""
-        return self.compared.shown if self.references is not None else Comparison.FIT
+        """What the balls show: without a reference the fit, without any lobe the reference."""
+        return self._shown(self.compared)
 
     @property
     def shown_map(self) -> Comparison:
         """What the map shows of them."""
-        return self.map_view.shown if self.references is not None else Comparison.FIT
+        return self._shown(self.map_view)
+
+    def _shown(self, compared: Compared) -> Comparison:
+        if self.references is None:
+            return Comparison.FIT
+        return compared.shown if self.tracks.lobes.count else Comparison.REFERENCE
 
     @property
     def reference_image(self) -> np.ndarray | None:
-        """The reference of the shown frame, if it is in memory.  [H, W, 3]."""
-        return None if self.references is None else self.references.get(self.playback.frame)
+        """The reference of the shown time, if it is in memory.  [H, W, 3].
+
+        Between two frames it is the one dissolved into the other: a picture, not a light that was.
+        """
+        references, playback = self.references, self.playback
+        if references is None:
+            return None
+        image = references.get(playback.frame)
+        if not playback.is_between or image is None or references.is_still:
+            return image
+        following = references.get(playback.next_frame)
+        if following is None or following.shape != image.shape:
+            return None
+        return dissolved(Held(image), Held(following), playback.part)
+
+    @property
+    def reference_label(self) -> str:
+        """What the reference shows where that is not the image of the shown frame; else empty."""
+        if self.references is None:
+            return ""
+        playback = self.playback
+        if playback.is_between and not self.references.is_still:
+            return f"{playback.frame} dissolved into {playback.next_frame}"
+        return self.references.label(playback.frame)
 
     def meter(self) -> bool:
         """Expose so that the mean radiance of the lit lobes is middle grey, in steps of a key.
@@ -291,6 +413,7 @@ class ViewerState:
 
     def select(self, lobe: int | None) -> None:
         """Select a lobe, or none."""
+        self.selection.is_new = lobe is not None and lobe != self.selection.lobe
         self.selection.lobe = lobe
 
     def _brightest(self) -> int | None:

@@ -7,63 +7,81 @@ several texels wide.
 
 import json
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import moderngl
-from imgui_bundle import glfw_utils, hello_imgui, imgui
+from imgui_bundle import ImVec4, glfw_utils, hello_imgui, imgui
 from imgui_bundle import portable_file_dialogs as dialogs
 
 # After imgui_bundle: the first of the two to be imported decides whose GLFW both use.
 import glfw  # isort: skip
 
 from asglight.errors import InputError
-from asglight.images.message import shown
-from asglight.viewer import settings
+from asglight.viewer import layout, settings
 from asglight.viewer.commands import FLIP_KEY
+from asglight.viewer.io import native
+from asglight.viewer.io.documents import RECENT_MAX, Documents, Opener
+from asglight.viewer.io.rendering import Rendering
+from asglight.viewer.io.wanted import TURNTABLE, Wanted
 from asglight.viewer.panels import help as help_panel
 from asglight.viewer.panels import widgets
 from asglight.viewer.panels.balls import balls
+from asglight.viewer.panels.browser import browser
 from asglight.viewer.panels.curves import curves
+from asglight.viewer.panels.history import history
 from asglight.viewer.panels.inspector import inspector
 from asglight.viewer.panels.lobes import lobes
 from asglight.viewer.panels.look import look
 from asglight.viewer.panels.map import latlong_map
+from asglight.viewer.panels.menus import menus
+from asglight.viewer.panels.progress import progress
+from asglight.viewer.panels.question import question
 from asglight.viewer.panels.timeline import timeline
-from asglight.viewer.reference import open_reference
 from asglight.viewer.renderer import Renderer
-from asglight.viewer.saving import display_pixels, edited, save_edits, write_png
+from asglight.viewer.saving import display_pixels
 from asglight.viewer.session import Session
-from asglight.viewer.state import Request, ViewerState
-
-RECENT_MAX = 8
-"""Files in the list of recent ones."""
+from asglight.viewer.state import RENDERS, Request, Theme, ViewerState
 
 _BALLS = "Balls"
-_RECENT, _SETTINGS = "recent", "settings"
+_THEMES = {
+    Theme.DARK: hello_imgui.ImGuiTheme_.imgui_colors_dark,
+    Theme.LIGHT: hello_imgui.ImGuiTheme_.imgui_colors_light,
+}
+_HANDLE = ImVec4(0.3, 0.6, 0.95, 0.4)
+"""Of a slider: its number is read through it."""
 
-Opener = Callable[[str], Session | None]
-"""Opens what a user dropped or chose: a session; None for images, which are compared with."""
+MESSAGE_SECONDS = 20.0
+"""After which a message has been read, or is about what is no more."""
+
+_UNSCROLLED = {_BALLS, "Timeline", "Map", "Curves"}
+"""Panels that fill their room; the wheel does something else in them."""
+
+_RECENT, _SETTINGS = "recent", "settings"
 
 
 class Window:
     """One viewer window; the callbacks that hello_imgui calls in turn."""
 
-    def __init__(self, session: Session, opener: Opener) -> None:
-        """Take what to show, and what opens other files."""
-        self.session = session
-        self._opener = opener
-        self._dialog: dialogs.open_file | dialogs.save_file | None = None
-        self._dialog_is_for = Request.OPEN
-        self._recent: list[str] = []
+    def __init__(self, session: Session, opener: Opener, autosaves: Path | None = None) -> None:
+        """Take what to show, what opens other files, and where unsaved edits are kept."""
+        self.documents = Documents(session, opener, autosaves)
+        self._dialog: tuple[Request, dialogs.save_file] | None = None
         self._dropped: list[str] = []
         self._has_panels = True
-        self._writer = ThreadPoolExecutor(1)
-        self._saving: tuple[Path, Future[None]] | None = None
+        self._title = ""
+        self._message = "", 0.0
+        self._theme: Theme | None = None
+        self._to_render: tuple[Request, Path] | None = None
+        self.rendering: Rendering | None = None
         self.failure: BaseException | None = None
         self.is_open = False
+
+    @property
+    def session(self) -> Session:
+        """What is shown, and what brings it in."""
+        return self.documents.session
 
     @property
     def state(self) -> ViewerState:
@@ -76,6 +94,7 @@ class Window:
         moderngl.init_context()
         self.context = moderngl.get_context()
         self.is_open = True
+        self._lay_out()
         # What a panel left open when it raised is closed for it; `run` raises the error itself.
         imgui.get_io().config_error_recovery_enable_assert = False
         self.renderer = Renderer(self.context)
@@ -83,13 +102,30 @@ class Window:
             settings.restore(self.state, hello_imgui.load_user_pref(_SETTINGS))
             with suppress(ValueError, TypeError):
                 recent = json.loads(hello_imgui.load_user_pref(_RECENT))
-                self._recent = [str(path) for path in recent]
+                self.documents.recent = [str(path) for path in recent][:RECENT_MAX]
         self._handle: Any = glfw_utils.glfw_window_hello_imgui()
         self._on_drop: Any = lambda _window, paths: self.dropped(paths)  # GLFW keeps no reference
         glfw.set_drop_callback(self._handle, self._on_drop)
 
+    def _lay_out(self) -> None:
+        """Divide the window by the size of its font, which the screen's density has chosen."""
+        params = hello_imgui.get_runner_params()
+        size = params.app_window_params.window_geometry.size
+        em = layout.FONT_POINTS * hello_imgui.dpi_window_size_factor()
+        docking = params.docking_params
+        docking.docking_splits = layout.splits((size[0], size[1]), em)
+        for panel in docking.dockable_windows:
+            if panel.label == "Lobes":
+                is_stacked = layout.has_room((size[0], size[1]), em)
+                panel.dock_space_name = "LobesSpace" if is_stacked else "RightSpace"
+        style = imgui.get_style()
+        style.hover_flags_for_tooltip_mouse = int(imgui.HoveredFlags_.delay_normal) | int(
+            imgui.HoveredFlags_.stationary
+        )
+
     def before_picture(self) -> None:
         """Bring the state to this moment: time, sources, files."""
+        self.documents.update()
         state = self.state
         io = imgui.get_io()
         pressed = imgui.is_mouse_down(0) or imgui.is_mouse_down(1)
@@ -97,20 +133,39 @@ class Window:
         self.renderer.learn()
         state.playback.tick(state.clock())
         status = self.session.update(int(state.playback.is_playing))
-        is_busy = state.playback.is_playing or not status.is_finished or self._saving is not None
+        is_busy = state.playback.is_playing or not status.is_finished or self.documents.is_busy
+        is_busy |= self.rendering is not None
         is_busy |= self.renderer.reference_progress < 1 or self._is_reading()
         hello_imgui.get_runner_params().fps_idling.enable_idling = not is_busy
         for path in self._dropped:
-            self.open(path)
+            self.documents.open(path)
         self._dropped.clear()
         self._requests()
-        self._finish_saving()
+        self._go_on_rendering()
         self._show_panels()
+        self._let_message_go()
+        self._show_title()
+        self._show_theme()
+        if self.documents.has_quit:
+            self.leave()
+
+    def leave(self) -> None:
+        """End the loop after this picture."""
+        hello_imgui.get_runner_params().app_shall_exit = True
+
+    def confirm_exit(self) -> bool:
+        """Tell whether the window may close at once; else a question follows."""
+        self.documents.quit()
+        return self.documents.has_quit
 
     def keys(self) -> None:
         """Take the keys and show their list; the panels follow."""
         widgets.handle_keys(self.state, FLIP_KEY)
         help_panel.keys_window(self.state)
+        question(self.documents)
+        browser(self.documents, self.save)
+        if self.rendering is not None and progress("Rendering", self.rendering):
+            self.leave_rendering()
 
     def panels(self) -> list[hello_imgui.DockableWindow]:
         """Return the panels and where they are docked at first."""
@@ -122,11 +177,18 @@ class Window:
             ("Look", "RightSpace", lambda: look(self.state)),
             ("Lobes", "LobesSpace", lambda: lobes(self.state)),
             ("Inspector", "InspectorSpace", lambda: inspector(self.state)),
+            ("History", "InspectorSpace", lambda: history(self.state)),
         )
-        return [
+        windows = [
             hello_imgui.DockableWindow(name, space, self.guarded(draw))
             for name, space, draw in drawers
         ]
+        for window in windows:
+            if window.label in _UNSCROLLED:
+                window.imgui_window_flags = int(imgui.WindowFlags_.no_scrollbar) | int(
+                    imgui.WindowFlags_.no_scroll_with_mouse
+                )
+        return windows
 
     def bare(self) -> None:
         """Draw the balls alone, over all of the window."""
@@ -135,67 +197,70 @@ class Window:
 
     def status(self) -> None:
         """Draw the line at the bottom."""
-        help_panel.status_line(self.state, self.session, self.renderer)
+        help_panel.status_line(self.state, self.session)
 
     def menus(self) -> None:
-        """Draw the menus beside those of hello_imgui."""
-        if imgui.begin_menu("File"):
-            if imgui.menu_item_simple("Open...", "Ctrl+O"):
-                self.state.requests.append(Request.OPEN)
-            if imgui.begin_menu("Recent", bool(self._recent)):
-                for path in list(self._recent):
-                    if imgui.menu_item_simple(path):
-                        self.open(path)
-                imgui.end_menu()
-            imgui.separator()
-            if imgui.menu_item_simple("Save the edits as a layer...", "Ctrl+S"):
-                self.state.requests.append(Request.SAVE_EDITS)
-            if imgui.menu_item_simple("Save the picture...", "Ctrl+P"):
-                self.state.requests.append(Request.SAVE_PICTURE)
-            imgui.end_menu()
-        if imgui.begin_menu("Help"):
-            _, self.state.has_help = imgui.menu_item("Keys", "F1", self.state.has_help)
-            imgui.end_menu()
+        """Draw the menus."""
+        menus(self.documents)
 
     def dropped(self, paths: Sequence[str]) -> None:
         """Remember what was dropped; it is opened before the next picture."""
         self._dropped.extend(paths)
 
-    def open(self, path: str) -> None:
-        """Open a stage or folder, or compare with images; what goes wrong becomes the message."""
-        state = self.state
-        try:
-            session = self._opener(path)
-            if session is None:
-                state.compare_with(open_reference(path))
-            else:
-                self._take_over(session)
-        except InputError as error:
-            state.message = str(error)
-            return
-        self.state.message = f"Opened {shown(Path(path).name)}."
-        self._recent = [path, *(other for other in self._recent if other != path)][:RECENT_MAX]
-        if _remembers():
-            hello_imgui.save_user_pref(_RECENT, json.dumps(self._recent))
-
     def save(self, request: Request, path: Path) -> None:
-        """Save what is asked for; what came of it becomes the message.
+        """Save what is asked for."""
+        if request in RENDERS:
+            self._to_render = request, path  # with the next picture, when the GPU is ours
+            return
+        is_picture = request is Request.SAVE_PICTURE
+        pixels = display_pixels(self.renderer.shown_balls) if is_picture else None
+        self.documents.save(request, path, pixels)
 
-        Edits are written beside the loop, because the images of a long shot's dome take seconds.
-        """
-        if request is Request.SAVE_PICTURE:
-            pixels = display_pixels(self.renderer.shown_balls)
-            self._saving = path, self._writer.submit(write_png, path, pixels)
-        else:
-            self._saving = path, self._writer.submit(save_edits, edited(self.session), path)
-        self.state.message = f"Saving {shown(path.name)} ..."
+    def _render(self, request: Request, path: Path) -> None:
+        """Begin to write pictures, as large as the balls are shown."""
+        columns, rows = self.renderer.shown_balls.size
+        wanted = Wanted(
+            path,
+            (columns // 2 * 2, rows // 2 * 2),  # which every kind of file takes
+            is_labelled=request is Request.RENDER_LABELLED,
+            turntable=TURNTABLE if request is Request.RENDER_TURNTABLE else None,
+        )
+        try:
+            self.rendering = Rendering(self.session, Renderer(self.context), wanted)
+        except InputError as error:
+            self.state.message = str(error)
+
+    def _go_on_rendering(self) -> None:
+        """Draw a little more of what is being written."""
+        if self._to_render is not None:
+            to_render, self._to_render = self._to_render, None
+            self._render(*to_render)
+        rendering = self.rendering
+        if rendering is None:
+            return
+        try:
+            is_over = rendering.step()
+        except InputError as error:
+            rendering.close()
+            self.state.message, self.rendering = str(error), None
+            return
+        if is_over:
+            self.state.message, self.rendering = f"Rendered {rendering.count} pictures.", None
+
+    def leave_rendering(self) -> None:
+        """Stop writing; the pictures that are written stay, a film is removed."""
+        if self.rendering is not None:
+            self.state.message = f"Stopped after {self.rendering.done} pictures."
+            self.rendering.close()
+            self.rendering = None
 
     def closed(self) -> None:
         """End what runs beside, and give the context back so that another can be adopted."""
         if _remembers():
             hello_imgui.save_user_pref(_SETTINGS, settings.as_text(self.state))
-        self._writer.shutdown()  # what is being written is finished
-        self.session.close()
+            hello_imgui.save_user_pref(_RECENT, json.dumps(self.documents.recent))
+        self.leave_rendering()
+        self.documents.close(is_wanted=self.failure is None and self.documents.has_quit)
         self.context.release()
 
     def raise_failure(self) -> None:
@@ -222,26 +287,28 @@ class Window:
 
         return _guarded
 
-    def _take_over(self, session: Session) -> None:
-        """Show another session as this one was looked at."""
-        before = self.state
-        session.state.display, session.state.camera = before.display, before.camera
-        session.state.environment, session.state.material = before.environment, before.material
-        self.session.close()
-        self.session = session
-        glfw.set_window_title(self._handle, f"{session.title} - asglight")
+    def _let_message_go(self) -> None:
+        """Forget a message some time after it came."""
+        state = self.state
+        if state.message != self._message[0]:
+            self._message = state.message, state.clock()
+        elif state.clock() - self._message[1] > MESSAGE_SECONDS:
+            state.message = ""
 
-    def _finish_saving(self) -> None:
-        """Say what came of a save, once it has ended."""
-        if self._saving is None or not self._saving[1].done():
-            return
-        path, written = self._saving
-        self._saving = None
-        try:
-            written.result()
-            self.state.message = f"Saved {shown(path.name)}."
-        except InputError as error:
-            self.state.message = str(error)
+    def _show_title(self) -> None:
+        """Keep the window's title in step with what it shows."""
+        if self._title != self.documents.title:
+            self._title = self.documents.title
+            glfw.set_window_title(self._handle, self._title)
+
+    def _show_theme(self) -> None:
+        """Give the window the colours that were chosen."""
+        if self._theme is not self.state.theme:
+            self._theme = self.state.theme
+            hello_imgui.apply_theme(_THEMES[self._theme])
+            style = imgui.get_style()
+            for colour in (imgui.Col_.slider_grab, imgui.Col_.slider_grab_active):
+                style.set_color_(colour, _HANDLE)
 
     def _show_panels(self) -> None:
         """Hide or show the panels beside the balls, when that was asked for."""
@@ -259,32 +326,31 @@ class Window:
 
     def _requests(self) -> None:
         """Ask for files, and use those that were chosen."""
-        for request in self.state.requests:
-            self._dialog = _dialog(request, self.session)
-            self._dialog_is_for = request
+        requests = list(self.state.requests)
         self.state.requests.clear()
-        if self._dialog is None or not self._dialog.ready(0):
+        for request in requests:
+            if request is Request.QUIT:
+                self.documents.quit()
+            elif self.documents.ask(request):
+                self._ask_for_file(request)
+        if self._dialog is None or not self._dialog[1].ready(0):
             return
-        result = self._dialog.result()
+        request, dialog = self._dialog
         self._dialog = None
-        if not result:
-            return
-        if self._dialog_is_for is Request.OPEN:
-            self.open(result[0])
+        path = dialog.result()
+        if path:
+            self.save(request, Path(path))
         else:
-            assert isinstance(result, str)
-            self.save(self._dialog_is_for, Path(result))
+            self.documents.leave_saving()
+
+    def _ask_for_file(self, request: Request) -> None:
+        """Let a file be named, by the system where it can; it knows no sequences to open."""
+        if request is Request.OPEN or not native.has_dialog():
+            self.documents.browse(request)
+        else:
+            self._dialog = request, native.save_dialog(request, *self.documents.proposed(request))
 
 
 def _remembers() -> bool:
     """Tell whether this window is a user's, whose habits are kept; a screenshot's is not."""
     return not hello_imgui.get_runner_params().ini_disable
-
-
-def _dialog(request: Request, session: Session) -> dialogs.open_file | dialogs.save_file:
-    if request is Request.OPEN:
-        kinds = ["Stages and images", "*.usda *.usdc *.usd *.exr *.hdr", "All files", "*"]
-        return dialogs.open_file("Open", "", kinds)
-    if request is Request.SAVE_EDITS:
-        return dialogs.save_file("Save the edits", f"{session.title}_edits.usda", ["USD", "*.usda"])
-    return dialogs.save_file("Save the picture", f"{session.title}.png", ["PNG", "*.png"])

@@ -2,6 +2,7 @@
 """A window without a display, driven by a script of the Dear ImGui test engine."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,22 +19,52 @@ from asglight.viewer.state import ViewerState
 SIZE = (1200, 800)
 
 
+WAIT_PICTURES = 600
+"""Pictures to wait for a thread at most: they take milliseconds, the thread less than a second."""
+
+
 class Driven:
     """What a script sees.
 
     Attributes:
         window: The window.
         seconds: What the clock of its state says.
+        has_left: Whether the window would have closed.
     """
 
-    def __init__(self, tracks: LobeTracks, opener: window.Opener, reference: Reference | None):
+    def __init__(
+        self,
+        tracks: LobeTracks,
+        opener: window.Opener,
+        reference: Reference | None,
+        stage: Path | None = None,
+        autosaves: Path | None = None,
+    ):
         self.seconds = 0.0
         state = ViewerState(tracks, reference, clock=lambda: self.seconds)
-        self.window = window.Window(Session(state, FixedSource(tracks), "test"), opener)
+        title = "test" if stage is None else stage.name
+        session = Session(state, FixedSource(tracks), title, stage)
+        self.window = window.Window(session, opener, autosaves)
+        self.has_left = False
+        self.window.leave = self._left
+
+    def _left(self) -> None:
+        self.has_left = True  # the script goes on
 
     @property
     def state(self) -> ViewerState:
         return self.window.state
+
+
+def wait_for(
+    test: Any, driven: Driven, message: str, until: Callable[[], bool] | None = None
+) -> None:
+    """Let pictures go by until the status line says something, or something else is true."""
+    for _ in range(WAIT_PICTURES):
+        if driven.state.message.startswith(message) and (until is None or until()):
+            return
+        test.yield_()
+    raise AssertionError(driven.state.message)
 
 
 class Drive(Protocol):
@@ -56,10 +87,13 @@ def grey(tracks: LobeTracks) -> Reference:
 def drive(tracks: LobeTracks, script: Callable[[Any, Driven], None], **options: Any) -> None:
     """Open a window on tracks and run a script in it."""
     reference = grey(tracks) if options.pop("with_reference", False) else None
-    driven = Driven(tracks, options.pop("opener", lambda path: None), reference)
+    opener = options.pop("opener", lambda path: None)
+    size, scale = options.pop("size", SIZE), options.pop("scale", 1.0)
+    driven = Driven(tracks, opener, reference, **options)
     screenshot.use_no_display()
-    params = running.runner_params(driven.window, SIZE)
+    params = running.runner_params(driven.window, size)
     params.ini_disable = True
+    params.dpi_aware_params.dpi_window_size_factor = scale
     try:
         testing.run(
             test_function=lambda test: script(test, driven),

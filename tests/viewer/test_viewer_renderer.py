@@ -57,7 +57,7 @@ def test_only_what_changes_the_light_shades_anew(
     assert drawn() == (0, 1)
     state.playback.step(1)
     assert drawn() == (1, 1)
-    state.selection.muted.add(0)
+    state.toggle_mute(0)
     assert drawn() == (1, 1)
     state.camera.orbit(5, 0)
     assert drawn() == (1, 1)
@@ -110,7 +110,7 @@ def test_muted_and_solo_lobes_light_accordingly(
     lit = pixels(renderer.map(state, (512, 256))).reshape(-1, 3).max(0)
     assert lit.tolist()[0] > 200
     assert lit.tolist()[1:] == [0, 0]
-    state.selection.muted.add(1)
+    state.toggle_mute(1)
     assert pixels(renderer.map(state, (512, 256))).max() == 0
 
 

@@ -12,6 +12,7 @@ from windows import grey
 
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, asg
+from asglight.viewer.absolute import lamp_of
 from asglight.viewer.arrangement import cells, hit
 from asglight.viewer.commands import COMMANDS, command
 from asglight.viewer.display import EXPOSURE_EV_MAX, Comparison, Display
@@ -62,7 +63,8 @@ def test_solo_and_mute_decide_which_lobes_light(
 ) -> None:
     state = ViewerState(two_lamps)
     state.selection.solo.update(solo)
-    state.selection.muted.update(muted)
+    for lobe in muted:
+        state.toggle_mute(lobe)
     assert state.lit == lit
     torch.testing.assert_close(state.lit_lobes.axes, state.lobes.axes[list(lit)])
 
@@ -74,7 +76,8 @@ def test_metering_brings_the_mean_radiance_to_middle_grey(two_lamps: LobeTracks)
     flux = asg.flux(state.lobes).sum(0) @ torch.tensor([0.2126, 0.7152, 0.0722])
     exposed = float(flux) / (4 * math.pi) * 2.0 ** (state.display.exposure_ev + 1)
     assert abs(math.log2(exposed / 0.18)) <= 0.25  # half a step of the key
-    state.selection.muted.update((0, 1))
+    state.toggle_mute(0)
+    state.toggle_mute(1)
     assert not state.meter()
 
 
@@ -142,7 +145,8 @@ def test_commands_without_effect_say_so(two_lamps: LobeTracks, name: str, messag
 
 def test_metering_the_dark_says_so(two_lamps: LobeTracks) -> None:
     state = ViewerState(two_lamps)
-    state.selection.muted.update((0, 1))
+    state.toggle_mute(0)
+    state.toggle_mute(1)
     command("Expose the mean radiance to middle grey").run(state)
     assert state.message == "No light to meter."
 
@@ -156,10 +160,9 @@ def test_file_commands_ask_the_window(two_lamps: LobeTracks) -> None:
 
 def test_undo_and_redo_go_through_the_history(two_lamps: LobeTracks) -> None:
     state = ViewerState(two_lamps)
-    state.editing.gain_ev = 1.0
-    state.editing.light(state.history, 0, 0)
+    stops = lamp_of(state.lobes[0]).intensity
+    state.editing.set_value(state.history, 0, 0, "intensity", stops + 1)
     state.editing.commit(state.history)
-    assert state.editing.gain_ev == 0.0
     torch.testing.assert_close(state.lobes.amplitude[0], 2 * two_lamps.lobes.amplitude[0, 0])
     command("Undo").run(state)
     assert state.message == "Undone."
@@ -170,24 +173,21 @@ def test_undo_and_redo_go_through_the_history(two_lamps: LobeTracks) -> None:
 
 
 @pytest.mark.parametrize("form", list(Form))
-def test_sliders_tint_and_sharpen_the_lobe_of_the_shown_frame(
-    two_lamps: LobeTracks, form: Form
-) -> None:
+def test_controls_change_the_lobe_of_the_shown_frame(two_lamps: LobeTracks, form: Form) -> None:
     tracks = replace(two_lamps, lobes=replace(two_lamps.lobes, form=form))
     state = ViewerState(tracks)
     state.editing.scope = Scope.ONE
-    state.editing.tint = (0.5, 0.25, 1.0)
-    state.editing.light(state.history, 1, 2)
+    lamp = lamp_of(state.tracks.lobes[2, 1])
+    state.editing.set_value(state.history, 1, 2, "intensity", lamp.intensity - 2)
     state.editing.commit(state.history)
     wanted = tracks.lobes.amplitude.clone()
-    wanted[2, 1] *= torch.tensor([0.5, 0.25, 1.0])
+    wanted[2, 1] /= 4
     torch.testing.assert_close(state.tracks.lobes.amplitude, wanted)
-    state.editing.sharpness_x = 1.0
-    state.editing.sharpen(state.history, 1, 2)
-    doubled = torch.tensor([2.0, 2.0 if form is Form.SG else 1.0])
-    torch.testing.assert_close(
-        state.tracks.lobes.sharpness[2, 1], doubled * tracks.lobes.sharpness[2, 1]
-    )
+    state.editing.set_value(state.history, 1, 2, "width", lamp.width / 2)
+    narrow = lamp_of(state.tracks.lobes[2, 1])
+    assert narrow.width == pytest.approx(lamp.width / 2, rel=1e-4)
+    height = lamp.height / 2 if form is Form.SG else lamp.height
+    assert narrow.height == pytest.approx(height, rel=1e-4)
     assert state.history.edited_lobes == (1,)
 
 

@@ -271,3 +271,48 @@ def test_map_is_upright_and_follows_the_frame(
     np.testing.assert_allclose(red, [0.75, 0.75], atol=0.02)
     np.testing.assert_allclose(green_later, [0.25, 0.5], atol=0.02)
     np.testing.assert_allclose(red_later, [0.75, 0.75], atol=0.02)
+
+
+NO_SETTINGS = """
+from imgui_bundle import hello_imgui
+import glfw
+import torch
+from asglight.lobes import Lobes, LobeTracks
+from asglight.viewer import running, screenshot
+from asglight.viewer.session import Session
+from asglight.viewer.source import FixedSource
+from asglight.viewer.state import ViewerState
+from asglight.viewer.window import Window
+
+lobes = Lobes(torch.eye(3)[None, None], torch.ones(1, 1, 2), torch.ones(1, 1, 3))
+tracks = LobeTracks((1,), 24.0, lobes)
+screenshot.use_no_display()
+window = Window(Session(ViewerState(tracks), FixedSource(tracks), "test"), lambda path: None)
+before, pictures = window.before_picture, []
+window.before_picture = lambda: (before(), pictures.append(1), len(pictures) > 3 and window.leave())
+running.run(window, (300, 200))
+print(window.state.message)
+"""
+
+
+def test_settings_that_cannot_be_kept_are_said_and_the_window_opens(
+    opengl: moderngl.Context, tmp_path: Path
+) -> None:
+    home = tmp_path / "home"
+    home.write_text("no folder")
+    result = subprocess.run(
+        [sys.executable, "-c", NO_SETTINGS],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "HOME": str(home), "XDG_CONFIG_HOME": str(home)},
+        timeout=60,
+    )
+    assert "cannot be written (Not a directory); settings, layout" in result.stdout, result.stderr
+    assert result.returncode == 0
+
+
+def test_a_folder_for_settings_is_made(tmp_path: Path) -> None:
+    from asglight.viewer.running import settings_finding
+
+    assert settings_finding(tmp_path / "new" / "asglight") == ""
+    assert list((tmp_path / "new" / "asglight").iterdir()) == []

@@ -9,35 +9,25 @@ import pytest
 import torch
 import windows
 from imgui_bundle import ImVec2, imgui
-from windows import Drive, Driven
+from windows import Drive, Driven, wait_for
 
 from asglight.errors import InputError
 from asglight.images import write_exr
 from asglight.lobes import LobeTracks
 from asglight.sphere import latlong
 from asglight.usd import read_usd, write_usd
+from asglight.viewer.absolute import lamp_of
 from asglight.viewer.arrangement import cells
+from asglight.viewer.edits import scale_amplitude
 from asglight.viewer.session import Session
 from asglight.viewer.source import FixedSource
 from asglight.viewer.state import Request, ViewerState
-
-WAIT_PICTURES = 600
-"""Pictures to wait for a thread at most: they take milliseconds, the thread less than a second."""
 
 
 def map_point(test: Any, u: float, v: float) -> ImVec2:
     """Return the point of the map panel at latlong coordinates."""
     box = test.item_info("Map/##map").rect_full
     return ImVec2(box.min.x + u * (box.max.x - box.min.x), box.min.y + v * (box.max.y - box.min.y))
-
-
-def wait_for(test: Any, driven: Driven, message: str) -> None:
-    """Let pictures go by until the status line says something."""
-    for _ in range(WAIT_PICTURES):
-        if driven.state.message.startswith(message):
-            return
-        test.yield_()
-    raise AssertionError(driven.state.message)
 
 
 def test_click_in_the_map_selects_and_keys_solo_and_mute(drive: Drive) -> None:
@@ -52,7 +42,7 @@ def test_click_in_the_map_selects_and_keys_solo_and_mute(drive: Drive) -> None:
         test.key_press(int(imgui.Key.x))
         assert driven.state.lit == (0,)
         test.key_press(int(imgui.Key.escape))
-        assert driven.state.lit == (0, 1)
+        assert driven.state.lit == (0,)  # a mute is an edit: it is undone
         assert selection.lobe is None
 
     drive(script)
@@ -108,13 +98,12 @@ def test_slider_edits_one_frame_lights_live_and_ends_as_a_step(
         test.combo_click("frames/this frame")
         test.set_ref("")
         shaded = driven.window.renderer.counts.shaded
-        test.item_input_value("Lobes/amplitude", 1.0)
+        test.item_input_value("Lobes/intensity", lamp_of(state.lobes[0]).intensity + 1)
         test.yield_(2)
         assert driven.window.renderer.counts.shaded > shaded
         wanted = two_lamps.lobes.amplitude.clone()
         wanted[0, 0] *= 2
         torch.testing.assert_close(state.tracks.lobes.amplitude, wanted)
-        assert state.editing.gain_ev == 0.0
         test.item_click("Lobes/undo")
         torch.testing.assert_close(state.tracks.lobes.amplitude, two_lamps.lobes.amplitude)
         test.item_click("Lobes/redo")
@@ -134,7 +123,8 @@ def test_edits_are_saved_as_a_layer_that_leaves_the_stage_untouched(
         driven.window.session.stage = stage
         driven.state.select(0)
         test.yield_(2)
-        test.item_input_value("Lobes/amplitude", 1.0)
+        stops = lamp_of(driven.state.lobes[0]).intensity
+        test.item_input_value("Lobes/intensity", stops + 1)
         test.yield_(2)
         driven.window.save(Request.SAVE_EDITS, layer)
         wait_for(test, driven, "Saved edits.usda.")
@@ -152,7 +142,8 @@ def test_saving_without_edits_or_stage_says_what_is_missing(drive: Drive, tmp_pa
         wait_for(test, driven, "edits: none made; expected one or more. Change a lobe first.")
         driven.state.select(0)
         test.yield_(2)
-        test.item_input_value("Lobes/amplitude", 1.0)
+        stops = lamp_of(driven.state.lobes[0]).intensity
+        test.item_input_value("Lobes/intensity", stops + 1)
         driven.window.save(Request.SAVE_EDITS, tmp_path / "a.usda")
         wait_for(test, driven, "edits: no stage under them; expected lobes that were read from one")
 
@@ -259,5 +250,146 @@ def test_pointing_at_a_ball_reads_its_radiance(drive: Drive) -> None:
         assert inspected.fit is not None
         assert np.isfinite(inspected.fit).all()
         assert inspected.reference is None
+
+    drive(script)
+
+
+def test_the_inspector_follows_frame_and_edit(drive: Drive) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        state = driven.state
+        test.mouse_move_to_pos(map_point(test, 0.75, 0.75))  # the red lamp, which rests
+        test.yield_(2)
+
+        def red() -> float:
+            assert state.inspected is not None
+            assert state.inspected.fit is not None
+            return float(state.inspected.fit[0])
+
+        test.mouse_move_to_pos(map_point(test, 0.25, 0.25))  # the green lamp, which moves on
+        test.yield_(2)
+        assert state.inspected is not None
+        assert state.inspected.fit is not None
+        assert state.inspected.fit[1] > 0.7
+        test.mouse_move_to_pos(test.item_info("Timeline/##bar").rect_full.min)
+        test.key_press(int(imgui.Key.end))
+        test.yield_(2)
+        assert state.inspected.fit[1] < 0.01
+        test.mouse_move_to_pos(map_point(test, 0.75, 0.75))
+        test.yield_(2)
+        before = red()
+        state.history.add(scale_amplitude(1, None, 1.0))
+        test.yield_(2)
+        assert red() == pytest.approx(2 * before)
+
+    drive(script)
+
+
+def test_the_inspected_ball_follows_an_edit_and_shows_none_of_another_frame(drive: Drive) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        state = driven.state
+        test.yield_(3)
+        box = test.item_info("Balls/##picture").rect_full
+        x, y, side = cells((int(box.max.x - box.min.x), int(box.max.y - box.min.y)), 6)[5]
+        test.mouse_move_to_pos(ImVec2(box.min.x + x + side / 2, box.min.y + y + side / 2))
+        test.yield_(2)
+        assert state.inspected is not None
+        assert state.inspected.fit is not None
+        before = state.inspected.fit.copy()
+        for lobe in (0, 1):
+            state.history.add(scale_amplitude(lobe, None, 1.0))
+        test.yield_(3)
+        np.testing.assert_allclose(state.inspected.fit, 2 * before, rtol=1e-3)  # of a half float
+        state.playback.play(0.0)
+        test.yield_(2)
+        assert state.inspected.fit is None  # it would be of a frame that has gone by
+
+    drive(script)
+
+
+def test_a_click_with_a_trembling_hand_turns_nothing(drive: Drive) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        start = map_point(test, 0.75, 0.75)
+        test.mouse_move_to_pos(start)
+        test.mouse_down(0)
+        for x, y in ((3, 2), (-2, 4), (4, -3)):
+            test.mouse_move_to_pos(ImVec2(start.x + x, start.y + y))
+            test.yield_(2)
+        test.mouse_up(0)
+        test.yield_(2)
+        assert driven.state.selection.lobe == 1
+        assert not driven.state.history.is_changed
+
+    drive(script)
+
+
+def test_controls_show_what_a_lobe_is_and_keep_what_was_set(
+    drive: Drive, two_lamps: LobeTracks
+) -> None:
+    lobes = two_lamps.lobes.clone()
+    lobes.amplitude.add_(0.3)  # so that no channel is without light
+
+    def script(test: Any, driven: Driven) -> None:
+        state = driven.state
+        state.select(1)
+        test.yield_(2)
+        test.item_input_value("Lobes/azimuth", 40.0)
+        test.item_input_value("Lobes/elevation", -20.0)
+        test.item_input_value("Lobes/width", 12.0)
+        test.item_input_value("Lobes/temperature", 3200.0)
+        lamp = lamp_of(state.lobes[1])
+        found = lamp.azimuth, lamp.elevation, lamp.width, lamp.kelvin
+        assert found == pytest.approx((40, -20, 12, 3200), rel=1e-3)
+        assert len(state.history.edits) == 4
+        test.item_input_value("Lobes/radiance", 0.9)
+        assert lamp_of(state.lobes[1]).radiance == pytest.approx(0.9, rel=1e-4)
+        test.item_click("Lobes/azimuth", 1)  # the right button
+        test.yield_(2)
+        fitted = lamp_of(state.fitted_lobes[1])
+        assert lamp_of(state.lobes[1]).azimuth == pytest.approx(fitted.azimuth, abs=1e-3)
+
+    windows.drive(LobeTracks(two_lamps.frames, 24.0, lobes), script)
+
+
+def test_the_list_keeps_its_order_and_follows_the_selection(
+    drive: Drive, two_lamps: LobeTracks
+) -> None:
+    def heights(test: Any) -> list[float]:
+        return [test.item_info(f"Lobes/**/lobe_0{n}").rect_full.min.y for n in (0, 1)]
+
+    def script(test: Any, driven: Driven) -> None:
+        test.yield_(2)
+        before = heights(test)
+        driven.state.history.add(scale_amplitude(1, None, 5.0))
+        driven.state.playback.go_to(1004)
+        test.yield_(2)
+        assert heights(test) == before
+        driven.state.select(1)
+        test.yield_(2)
+        assert not driven.state.selection.is_new
+
+    drive(script)
+
+
+def test_the_history_shows_each_edit_and_goes_back_to_it(drive: Drive) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        state = driven.state
+        state.history.add(scale_amplitude(0, None, 1.0))
+        state.toggle_mute(1)
+        state.history.add(scale_amplitude(1, 2, 1.0, (1.0, 0.5, 1.0)))
+        assert [edit.what for edit in state.history.steps] == [
+            "intensity +1.00 EV",
+            "mute on or off",
+            "colour",
+        ]
+        test.window_focus("History")
+        test.yield_(3)
+        test.item_click("History/##step1")
+        assert state.history.position == 1
+        assert state.lit == (0, 1)
+        assert len(state.history.steps) == 3
+        test.item_click("History/##step3")
+        assert state.history.position == 3
+        test.item_click("History/##step0")
+        assert not state.history.is_changed
 
     drive(script)

@@ -4,17 +4,16 @@
 from imgui_bundle import ImVec2, imgui
 
 from asglight.viewer.arrangement import Cell, cells, hit
-from asglight.viewer.balls import Ball
 from asglight.viewer.display import Comparison, Subject
-from asglight.viewer.inspector import inspect_ball
+from asglight.viewer.inspecting import inspect
 from asglight.viewer.panels import legend, widgets
 from asglight.viewer.renderer import Renderer
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state import Probe, ViewerState
 
 _NAMES = {
-    Subject.TOTAL: ("lobes, closed form", "HDRI, integrated"),
-    Subject.FIT: ("lobes, integrated", "HDRI, integrated"),
-    Subject.SHADING: ("lobes, closed form", "lobes, integrated"),
+    Subject.TOTAL: ("Fit", "Reference (HDRI)"),
+    Subject.FIT: ("Fit, sampled", "Reference (HDRI)"),
+    Subject.SHADING: ("Fit", "Fit, sampled"),
 }
 """What fit and reference are for each subject, as the labels over the pictures say it."""
 
@@ -37,9 +36,10 @@ def balls(state: ViewerState, renderer: Renderer) -> None:
     imgui.set_next_item_allow_overlap()
     imgui.invisible_button("##picture", ImVec2(*points), _MOUSE)
     _mouse(state, origin, points)
-    if imgui.is_item_hovered() and not state.is_moving:
+    if imgui.is_item_hovered():
         pointer = imgui.get_mouse_pos()
-        _inspect(state, renderer, points, (pointer.x - origin.x, pointer.y - origin.y))
+        _probe(state, points, (pointer.x - origin.x, pointer.y - origin.y))
+    inspect(state, renderer, points)
     _labels(state, renderer, origin, points)
     legend.legend(state, state.shown, ImVec2(origin.x, origin.y + points[1]), points[0])
 
@@ -68,30 +68,25 @@ def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
         draw.add_line_v(line, origin.y, origin.y + points[1], widgets.colour(widgets.ACCENT), 2.0)
 
 
-def _inspect(
-    state: ViewerState,
-    renderer: Renderer,
-    points: tuple[int, int],
-    pointer: tuple[float, float],
-) -> None:
-    """Look up the ball under the pointer; beside the balls the last one stays."""
+def _probe(state: ViewerState, points: tuple[int, int], pointer: tuple[float, float]) -> None:
+    """Read the ball under the pointer from now on; beside the balls the last one stays."""
     x, y = pointer
     columns, rows = points
     if state.shown is Comparison.ROWS:
         rows //= 2
         y %= rows
-    row = state.balls
-    found = hit(cells((columns, rows), len(row)), x, y)
-    if found is not None:
-        fit, reference = renderer.pixel(x / columns, y / rows)
-        name = _ball_name(row[found.ball])
-        state.inspected = inspect_ball(state, name, found, fit, reference)
+    if hit(cells((columns, rows), len(state.balls)), x, y) is not None:
+        state.probe = Probe("balls", x / columns, y / rows)
 
 
 def _labels(
     state: ViewerState, renderer: Renderer, origin: ImVec2, points: tuple[int, int]
 ) -> None:
     fit, reference = _NAMES[state.compared.subject]
+    if not state.is_fitted:
+        fit = f"{fit}: not there yet"
+    if state.reference_label:
+        reference += f": {state.reference_label}"
     pad = widgets.em(0.4)
     shown = state.shown
     left, top = origin.x + pad, origin.y + pad
@@ -127,7 +122,7 @@ def _ball_labels(
     """Name each ball under it, with the error of the pair that is compared."""
     row = state.balls
     for index, (cell, ball) in enumerate(zip(cells(points, len(row)), row, strict=True)):
-        text = _ball_name(ball)
+        text = ball.name
         error = None if errors is None else errors[index]
         if error is not None:
             text += f"   {100 * error:.1f} %"
@@ -144,10 +139,6 @@ def _under(cell: Cell, origin: ImVec2, points: tuple[int, int]) -> tuple[float, 
     return origin.x + cell.x + cell.size / 2, min(below, bottom)
 
 
-def _ball_name(ball: Ball) -> str:
-    return "Lambert" if ball.roughness is None else f"roughness {ball.roughness:g}"
-
-
 def _progress(renderer: Renderer) -> str:
     share = renderer.reference_progress
-    return "" if share >= 1 else f"   {100 * share:.0f} %"
+    return "" if share >= 1 else f"   rendering, {100 * share:.0f} %"

@@ -12,10 +12,16 @@ from asglight.viewer.held import Held
 from asglight.viewer.panels import widgets
 from asglight.viewer.state import ViewerState
 
-DECADES = 5
-"""Below the brightest lobe; darker ones, and those that are out, run along the floor."""
+DECADES = 12
+"""Below the brightest lobe at most; what is out runs along the floor."""
 
-TITLES = ("amplitude", "sharpness", "turn (deg)")
+BELOW_PEAK = 0.1
+"""Of the weakest lobe's own peak: the floor, so that each lobe is in view where it is brightest."""
+
+_MIDDLE_EM = 11.0
+"""Width of a plot from which its middle frame is numbered as well."""
+
+TITLES = ("amplitude", "sharpness", "direction")
 
 
 def curves(state: ViewerState) -> None:
@@ -48,7 +54,10 @@ def track_curves(tracks: Held[LobeTracks]) -> tuple[np.ndarray, np.ndarray, np.n
     chord = np.linalg.norm(axis - axis[:1], axis=-1)
     turn = np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1)))
     peak = amplitude.max(initial=np.finfo(np.float32).tiny)  # all black: a flat line
-    rows = (np.maximum(amplitude, peak * 10.0**-DECADES), sharpness, turn)
+    peaks = amplitude.max(0)  # [N]
+    weakest = peaks[peaks > 0].min(initial=peak)
+    floor = max(BELOW_PEAK * weakest, peak * 10.0**-DECADES)
+    rows = (np.maximum(amplitude, floor), sharpness, turn)
     first, second, third = (np.ascontiguousarray(values.T) for values in rows)
     return first, second, third
 
@@ -65,20 +74,50 @@ def _plot(
     if not implot.begin_plot(title, ImVec2(-1, 0), flags):
         return
     axis_flags = implot.AxisFlags_.no_label
-    implot.setup_axes("frame", title, axis_flags, axis_flags | implot.AxisFlags_.auto_fit)
+    implot.setup_axes("frame", title, axis_flags, axis_flags)
     implot.setup_axis_limits(implot.ImAxis_.x1, frames[0], frames[-1])
     first, last = float(frames[0]), float(frames[-1])
     ends = [first, float(round((first + last) / 2)), last]
+    if imgui.get_content_region_avail().x / len(TITLES) < widgets.em(_MIDDLE_EM):
+        ends = [first, last]
     implot.setup_axis_ticks(implot.ImAxis_.x1, ends, [f"{end:.0f}" for end in ends])
+    implot.setup_axis_limits(
+        implot.ImAxis_.y1, *_limits(tracks, is_logarithmic), imgui.Cond_.always
+    )
+    if title == TITLES[2]:
+        implot.setup_axis_format(implot.ImAxis_.y1, "%g°")
     if is_logarithmic:
         implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
+    lights = (state.tracks.lobes.amplitude > 0).any(-1).any(0).tolist()  # in any frame
     for lobe, values in enumerate(tracks):
+        if not lights[lobe]:
+            continue
         spec = implot.Spec()
         is_selected = lobe == state.selection.lobe
-        spec.line_color = widgets.ACCENT if is_selected else ImVec4(0.7, 0.75, 0.8, 0.35)
+        spec.line_color = widgets.ACCENT if is_selected else _faint()
         spec.line_weight = 2.0 if is_selected else 1.0
         implot.plot_line(state.lobe_names[lobe], frames, values, spec)
-    moved, frame, *_ = implot.drag_line_x(0, float(state.playback.frame), widgets.ACCENT)
+    moved, frame, *_ = implot.drag_line_x(0, state.playback.time, widgets.ACCENT)
     if moved:
         state.playback.go_to(round(frame))
     implot.end_plot()
+
+
+def _limits(tracks: np.ndarray, is_logarithmic: bool) -> tuple[float, float]:
+    """Return the ends of the vertical axis: all curves lie between them.
+
+    Args:
+        tracks: What is plotted.  [N, F]
+        is_logarithmic: Whether the axis is.
+    """
+    low, high = float(tracks.min(initial=np.inf)), float(tracks.max(initial=0.0))
+    if not is_logarithmic:
+        return 0.0, max(1.05 * high, 1.0)  # at least a degree: rounding is no motion
+    tiny = float(np.finfo(np.float32).tiny)
+    low, high = max(min(low, high), tiny), max(high, tiny)
+    return low / 1.5, high * 1.5
+
+
+def _faint() -> ImVec4:
+    text = imgui.get_style_color_vec4(imgui.Col_.text)
+    return ImVec4(text.x, text.y, text.z, 0.3)

@@ -7,7 +7,6 @@ from imgui_bundle import imgui
 
 from asglight.viewer.commands import COMMANDS, FLIP_KEY
 from asglight.viewer.panels import widgets
-from asglight.viewer.renderer import Renderer
 from asglight.viewer.session import Session
 from asglight.viewer.state import ViewerState
 
@@ -45,23 +44,27 @@ def keys_window(state: ViewerState) -> None:
     imgui.end()
 
 
-def status_line(state: ViewerState, session: Session, renderer: Renderer) -> None:
-    """Show the last message, or how far a running fit has come, and what was drawn."""
+def status_line(state: ViewerState, session: Session) -> None:
+    """Show the last message, or how far a running fit has come."""
     status = session.source.status()
     missing = None
     if state.references is not None:
         missing = state.references.message(state.playback.frame)
     text = status.failure or missing or state.message or status.message
-    counts = renderer.counts
     done = f"lobes of {status.frames_done} of {status.frames_total} frames"
     imgui.text(text if text else done)
-    tail = f"shaded {counts.shaded}   shown {counts.displayed}   F1: keys"
+    tail = f"{_rate(state)}F1: keys"
     imgui.same_line(imgui.get_window_width() - imgui.calc_text_size(tail).x - widgets.em(1))
     imgui.text_disabled(tail)
-    imgui.set_item_tooltip(
-        "Rows of balls shaded with the lobes, and pictures brought to the screen. "
-        "Exposure and view raise only the second."
-    )
+
+
+def _rate(state: ViewerState) -> str:
+    """Return the frames a second that are reached, and how many were dropped since it plays."""
+    fps = state.playback.achieved_fps
+    if fps is None:
+        return ""
+    dropped = state.playback.dropped
+    return f"{fps:.1f} fps{f', {dropped} dropped' if dropped else ''}   "
 
 
 def _heading(text: str) -> None:

@@ -43,7 +43,7 @@ def legend(state: ViewerState, shown: Comparison, origin: ImVec2, width: float) 
     exposure = state.display.exposure_ev + state.environment.intensity_ev
     draw = imgui.get_window_draw_list()
     top = origin.y + widgets.em(0.2)
-    faint = widgets.colour(widgets.FAINT, 1.4)
+    faint = widgets.ink(0.65)
     found = scale_of(state, shown)
     if found is None or width > widgets.em(2 * BAR_EM):
         text = f"{state.display.transform}  {exposure:+.1f} EV"

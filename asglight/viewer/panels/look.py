@@ -66,10 +66,10 @@ def _comparison(state: ViewerState) -> None:
     compared.subject = widgets.choice(
         "error",
         compared.subject,
-        "total: closed form of the lobes against the integral over the HDRI.\n"
-        "fit error: integral over the lobes against that over the HDRI.\n"
-        "shading error: closed form of the lobes against the integral over them.",
-        command("Total, fit error or shading error").keys,
+        "overall: the balls under the lights against the balls under the HDRI.\n"
+        "fit only: both sampled, so that only what the lights lack is left.\n"
+        "shading only: the lights by formula and sampled: what the formulas lack.",
+        command("Overall, fit only or shading only").keys,
     )
 
 

@@ -7,17 +7,22 @@ import numpy as np
 import torch
 from imgui_bundle import ImVec2, imgui
 
+from asglight.lobes import Lobes
 from asglight.sphere import latlong
 from asglight.viewer import outlines
+from asglight.viewer.commands import command
 from asglight.viewer.held import Held
-from asglight.viewer.inspector import inspect_map
 from asglight.viewer.panels import legend, widgets
 from asglight.viewer.picking import pick
 from asglight.viewer.renderer import Renderer
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state import Outlines, Probe, ViewerState
 
 CLICK_POINTS = 4.0
-"""A press that moves less than this is a click."""
+"""As far from a small lobe a click still means it."""
+
+STILL_EM = 0.7
+"""Heights of the font by which a pressed pointer has to move before it turns a lobe: a hand
+trembles by a few points, with a pen by more."""
 
 
 def latlong_map(state: ViewerState, renderer: Renderer) -> None:
@@ -27,6 +32,12 @@ def latlong_map(state: ViewerState, renderer: Renderer) -> None:
         state.map_view.comparison = widgets.choice(
             "##map_view", state.map_view.comparison, "What the map shows of fit and reference."
         )
+        imgui.same_line()
+    imgui.set_next_item_width(widgets.em(9))
+    outlined = command("Outlines in the map: all, selected, none")
+    state.outlines = widgets.choice(
+        "##outlines", state.outlines, "Which lobes are drawn over the map.", outlined.keys
+    )
     room = imgui.get_content_region_avail()
     rows = max(1, int(min(room.x / 2, room.y - legend.room_below())))
     points = 2 * rows, rows
@@ -46,14 +57,14 @@ def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     if not (imgui.is_item_hovered() or imgui.is_item_active()):
         return
     place = _place(imgui.get_mouse_pos(), origin, points)
-    state.inspected = inspect_map(state, *place)
+    state.probe = Probe("map", *place)
     editing = state.editing
     tolerance = CLICK_POINTS * np.pi / points[1]
     if imgui.is_item_activated():
         state.select(pick(state.lobes, _direction(place).tolist(), tolerance))
         editing.drag_from = _direction(place).tolist()
     if imgui.is_item_active() and state.selection.lobe is not None:
-        delta = imgui.get_mouse_drag_delta(imgui.MouseButton_.left, CLICK_POINTS)
+        delta = imgui.get_mouse_drag_delta(imgui.MouseButton_.left, widgets.em(STILL_EM))
         if delta.x or delta.y:
             target = _direction(place).tolist()
             editing.turn_to(state.history, state.selection.lobe, state.playback.index, target)
@@ -65,10 +76,15 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     draw = imgui.get_window_draw_list()
     end = ImVec2(origin.x + points[0], origin.y + points[1])
     draw.push_clip_rect(origin, end, True)
-    for index, outline in enumerate(_outlines(Held(state.tracks), state.playback.index)):
+    lit = state.lit
+    for index, outline in enumerate(_outlines(Held(state.lobes))):
         is_selected = index == state.selection.lobe
+        if state.outlines is Outlines.NONE or (
+            state.outlines is Outlines.SELECTED and not is_selected
+        ):
+            continue
         shade = widgets.ACCENT if is_selected else widgets.FAINT
-        colour = widgets.colour(shade, 1.0 if state.selection.lights(index) else 0.35)
+        colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
         for line in outline.curves:
             _polyline(draw, line, origin, points, colour, 2.0 if is_selected else 1.0)
         if is_selected:
@@ -81,9 +97,9 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
 
 
 @lru_cache(maxsize=2)
-def _outlines(tracks: Held, index: int) -> list[outlines.Outline]:
+def _outlines(lobes: Held[Lobes]) -> list[outlines.Outline]:
     """Return the outlines of a frame; a thousandth of a second each, so that they are kept."""
-    return outlines.outlines(tracks.value.lobes[index])
+    return outlines.outlines(lobes.value)
 
 
 def _polyline(

@@ -4,6 +4,7 @@
 from enum import StrEnum
 from typing import TypeVar
 
+import numpy as np
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from asglight.viewer.commands import COMMANDS, Command, command
@@ -41,14 +42,33 @@ def chord(keys: str) -> int:
 
 
 def handle_keys(state: ViewerState, flip_key: str) -> None:
-    """Run the commands whose keys are pressed; text fields keep their keys."""
+    """Run the commands whose keys are pressed.
+
+    Text fields keep their keys, and so does what has to be answered first. Escape closes what
+    stands open - a menu, a list, a picker, the list of keys - before it means anything else.
+    """
+    if imgui.internal.get_top_most_popup_modal() is not None:
+        return
+    was_closed = imgui.is_key_pressed(imgui.Key.escape, False) and _close_topmost(state)
     for entry in COMMANDS:
+        if was_closed and entry.keys == "Escape":
+            continue
         flags = _EVERYWHERE | (_REPEAT if entry.repeats else 0)
         if imgui.shortcut(chord(entry.keys), flags):
             entry.run(state)
     is_typing = imgui.get_io().want_text_input
     is_flipped = not is_typing and imgui.is_key_down(imgui.Key(chord(flip_key)))
     state.compared.is_flipped = state.map_view.is_flipped = is_flipped
+
+
+def _close_topmost(state: ViewerState) -> bool:
+    """Close the popup that was opened last, else the list of keys; tell whether there was one."""
+    popups = len(list(imgui.get_current_context().open_popup_stack))
+    if popups:
+        imgui.internal.close_popup_to_level(popups - 1, True)
+        return True
+    was_open, state.has_help = state.has_help, False
+    return was_open
 
 
 def em(count: float) -> float:
@@ -58,13 +78,23 @@ def em(count: float) -> float:
 
 def tooltip(text: str, keys: str = "") -> None:
     """Explain the last widget, with its key."""
-    imgui.set_item_tooltip(f"{text}\nKey: {keys}" if keys else text)
+    if not imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+        return
+    # Over the widget, so that the next one below stays in view.
+    text = f"{text}\nKey: {keys}" if keys else text
+    corner = imgui.get_item_rect_min()
+    if corner.y > imgui.calc_text_size(text).y + em(1.5):
+        place = ImVec2(corner.x, corner.y - em(0.3))
+        imgui.set_next_window_pos(place, imgui.Cond_.always, ImVec2(0, 1))
+    imgui.set_tooltip(text)
 
 
-def button(state: ViewerState, name: str, label: str, explanation: str = "") -> None:
-    """Show a button that runs a command."""
+def button(
+    state: ViewerState, name: str, label: str, explanation: str = "", width: float = 0.0
+) -> None:
+    """Show a button that runs a command; a width in em keeps what follows where it is."""
     entry = command(name)
-    if imgui.button(label):
+    if imgui.button(label, ImVec2(em(width), 0)):
         entry.run(state)
     tooltip(explanation or f"{entry.name}.", entry.keys)
 
@@ -105,9 +135,46 @@ def slider(
     return changed, value
 
 
+def line(name: str, text: str, is_selected: bool) -> bool:
+    """Show a line of a list, whatever it says: a label would end before `##`.
+
+    Returns:
+        Whether it was clicked, once or twice.
+    """
+    flags = int(imgui.SelectableFlags_.span_all_columns) | int(
+        imgui.SelectableFlags_.allow_double_click
+    )
+    clicked, _ = imgui.selectable(name, is_selected, flags)
+    imgui.same_line(0, 0)
+    imgui.text(text)
+    return clicked
+
+
+def ink(alpha: float) -> int:
+    """Return the colour of the theme's text, more or less faint, as draw lists take it."""
+    text = imgui.get_style_color_vec4(imgui.Col_.text)
+    return imgui.get_color_u32(ImVec4(text.x, text.y, text.z, alpha))
+
+
+def wants_reset() -> bool:
+    """Tell whether the last widget was right-clicked."""
+    return imgui.is_item_clicked(imgui.MouseButton_.right)
+
+
 def colour(vector: ImVec4, alpha: float = 1.0) -> int:
     """Return a colour as draw lists take it."""
     return imgui.get_color_u32(ImVec4(vector.x, vector.y, vector.z, vector.w * alpha))
+
+
+def hue(amplitude: np.ndarray) -> tuple[float, float, float]:
+    """Return the colour of a light without its strength, for sRGB.
+
+    Args:
+        amplitude: Linear RGB.  [3]
+    """
+    peak = max(float(amplitude.max()), 1e-30)  # 1e-30: a dark lobe is black
+    red, green, blue = (float(value) for value in np.clip(amplitude / peak, 0, 1) ** (1 / 2.2))
+    return red, green, blue
 
 
 def label_over(x: float, y: float, text: str, align: float = 0.0) -> None:

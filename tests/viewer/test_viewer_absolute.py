@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A lobe in degrees, stops and kelvin: what is set is met, and nothing else changes."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from pxr import UsdLux
+from scipy.spatial.transform import Rotation
+from usd_tracks import moving
+
+from asglight.lobes import Form, Lobes, asg
+from asglight.usd.lights.colour_temperature import KELVIN_LIMITS, rgb_of, temperature_of
+from asglight.viewer.absolute import FIELDS, colour_edit, edit_of, lamp_of
+from asglight.viewer.edits import apply
+
+FLOAT32_DEG = 2e-4
+"""Degrees: a float32 axis is known to 1e-7, and near the zenith azimuth and roll to a thousandth of
+that; both are further off here."""
+
+
+def lamp(azimuth: float, elevation: float, roll: float, sharpness: tuple[float, float]) -> Lobes:
+    """Return a lobe that stands as told, built by scipy's rotations."""
+    # from +Z, x to +X: roll about z, then up about -X, then around Y
+    turned = Rotation.from_euler("YXZ", [azimuth, -elevation, roll], degrees=True)
+    axes = torch.tensor(turned.as_matrix().T, dtype=torch.float32)
+    return Lobes(axes, torch.tensor(sharpness), torch.tensor([0.36, 0.36, 0.36]))
+
+
+@pytest.mark.parametrize("azimuth", [-170.0, -30.0, 0.0, 100.0])
+@pytest.mark.parametrize("elevation", [-60.0, 0.0, 45.0])
+@pytest.mark.parametrize("roll", [-120.0, 0.0, 30.0])
+def test_a_lobe_is_described_as_it_was_built(azimuth, elevation, roll):
+    found = lamp_of(lamp(azimuth, elevation, roll, (50.0, 20.0)))
+    assert found.azimuth == pytest.approx(azimuth, abs=FLOAT32_DEG)
+    assert found.elevation == pytest.approx(elevation, abs=FLOAT32_DEG)
+    assert found.roll == pytest.approx(roll, abs=FLOAT32_DEG)
+    assert found.intensity == pytest.approx(1.0, abs=1e-5)  # 0.36 is a stop over 0.18
+    assert found.radiance == pytest.approx(0.36, rel=1e-5)
+
+
+@pytest.mark.parametrize("form", list(Form))
+def test_width_and_height_are_where_the_lobe_has_half_of_its_peak(form):
+    sharpness = (80.0, 80.0) if form is Form.SG else (80.0, 10.0)
+    lobe = replace(lamp(20.0, 10.0, 0.0, sharpness), form=form)
+    found = lamp_of(lobe)
+    for angle, across in ((found.width, lobe.axis_x), (found.height, lobe.axis_y)):
+        half = math.radians(angle / 2)
+        direction = math.cos(half) * lobe.axis_z + math.sin(half) * across
+        value = asg.unit_lobes(lobe[None].to(torch.float64), direction[None].double())
+        assert float(value) == pytest.approx(0.5, abs=1e-5)
+
+
+@pytest.mark.parametrize("form", list(Form))
+@pytest.mark.parametrize("frame", [None, 1])
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("azimuth", -75.0),
+        ("elevation", 33.0),
+        ("roll", 12.0),
+        ("width", 7.5),
+        ("height", 21.0),
+        ("intensity", 3.25),
+    ],
+)
+def test_what_is_set_is_met_and_the_rest_stays(form, frame, field, value):
+    before = moving(range(3), form=form)
+    if form is Form.SG:
+        before.lobes.sharpness[..., 1] = before.lobes.sharpness[..., 0]
+    lobe = before.lobes[1, 2]
+    after = apply(before, edit_of(lobe, (2, frame), field, value))
+    was, found = lamp_of(lobe), lamp_of(after.lobes[1, 2])
+    tolerance = 1e-3
+    assert getattr(found, field) == pytest.approx(value, abs=tolerance)
+    together = {"width", "height"} if form is Form.SG else set()
+    for other in set(FIELDS) - {field} - (together if field in together else set()):
+        assert getattr(found, other) == pytest.approx(getattr(was, other), abs=tolerance), other
+    untouched = before.lobes[0, 2] if frame is not None else None
+    if untouched is not None:
+        assert torch.equal(after.lobes[0, 2].axes, untouched.axes)
+        assert torch.equal(after.lobes[0, 2].amplitude, untouched.amplitude)
+
+
+def test_a_colour_is_met_and_the_intensity_stays():
+    before = moving(range(2))
+    after = apply(before, colour_edit(before.lobes[0, 1], (1, None), (0.2, 0.4, 1.0)))
+    was, found = lamp_of(before.lobes[0, 1]), lamp_of(after.lobes[0, 1])
+    assert found.intensity == pytest.approx(was.intensity, abs=1e-5)
+    np.testing.assert_allclose(np.array(found.colour) / max(found.colour), [0.2, 0.4, 1], rtol=1e-4)
+
+
+def test_black_is_no_colour_and_a_black_lobe_has_no_stops():
+    before = moving(range(2))
+    assert colour_edit(before.lobes[0, 1], (1, None), (0.0, 0.0, 0.0)).is_identity
+    before.lobes.amplitude[0, 1] = 0
+    assert lamp_of(before.lobes[0, 1]).intensity == -math.inf
+    assert edit_of(before.lobes[0, 1], (1, None), "intensity", 2.0).is_identity
+
+
+@pytest.mark.parametrize("kelvin", [1700.0, 2856.0, 5000.0, 6504.0, 9990.0])
+@pytest.mark.parametrize("tint", [-1.0, 0.0, 0.5])
+def test_temperature_and_tint_come_back(kelvin, tint):
+    colour = rgb_of(kelvin, tint)
+    assert np.dot(colour, (0.2126, 0.7152, 0.0722)) == pytest.approx(1)
+    found = temperature_of(tuple(7 * value for value in colour))
+    # between two entries of a table of 10 K
+    assert found == (pytest.approx(kelvin, abs=1), pytest.approx(tint, abs=1e-3))
+
+
+def test_a_temperature_is_the_colour_that_usd_gives_it():
+    body = np.array(UsdLux.BlackbodyTemperatureAsRgb(3200.0))
+    np.testing.assert_allclose(
+        rgb_of(3200.0) / body, np.full(3, 1 / (body @ [0.2126, 0.7152, 0.0722]))
+    )
+
+
+@pytest.mark.parametrize(("colour", "end"), [((1.0, 0.1, 1e-6), 0), ((0.1, 0.2, 1.0), 1)])
+def test_a_colour_beyond_all_black_bodies_gets_the_nearest_end(colour, end):
+    assert temperature_of(colour)[0] == KELVIN_LIMITS[end]

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The window at five sizes and in both themes: nothing outside, large balls, readable text."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO
+import pytest
+import windows
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle.immapp import testing
+from windows import Drive, Driven
+
+from asglight.lobes import LobeTracks
+from asglight.viewer.arrangement import cells
+from asglight.viewer.held import Held
+from asglight.viewer.panels.curves import _limits, track_curves
+from asglight.viewer.state import Outlines, Theme
+
+SIZES = [
+    ((1024, 640), 1.0),
+    ((1366, 768), 1.0),
+    ((1600, 1000), 1.0),
+    ((1920, 1080), 2.0),
+    pytest.param((3840, 2160), 2.0, marks=pytest.mark.slow),
+]
+
+BALL_EM = 2.8
+"""Heights of the font that a ball takes at least: its name fits below it."""
+
+
+def box(test: Any, name: str) -> Any:
+    return test.item_info(name).rect_full
+
+
+@pytest.mark.parametrize("theme", list(Theme))
+@pytest.mark.parametrize(("size", "scale"), SIZES)
+def test_everything_is_inside_of_the_window_and_the_balls_are_large_enough(
+    drive: Drive,
+    two_lamps: LobeTracks,
+    tmp_path: Path,
+    size: tuple[int, int],
+    scale: float,
+    theme: Theme,
+) -> None:
+    picture = tmp_path / "window.png"
+
+    def script(test: Any, driven: Driven) -> None:
+        driven.state.theme = theme
+        test.yield_(5)
+        # the window itself: one whose system has less room is smaller than it was asked to be
+        screen = imgui.get_main_viewport().size
+        for name in ("in", "out", "all", "##bar", "###play"):
+            found = box(test, f"Timeline/{name}")
+            panel = test.window_info("Timeline").window
+            assert found.max.x <= panel.pos.x + panel.size.x, name
+            assert found.max.y <= screen.y, name
+        em = imgui.get_font_size()
+        balls = box(test, "Balls/##picture")
+        columns, rows = balls.max.x - balls.min.x, (balls.max.y - balls.min.y) / 2
+        side = cells((int(columns), int(rows)), 6)[0].size
+        assert side >= BALL_EM * em
+        testing.capture(test, str(picture))
+
+    windows.drive(two_lamps, script, with_reference=True, size=size, scale=scale)
+    pixels = OpenImageIO.ImageBuf(str(picture)).get_pixels(OpenImageIO.FLOAT)
+    assert pixels is not None
+    # the menu: its background and its letters are far apart in brightness
+    menu = pixels[2 : int(16 * scale), : int(160 * scale), :3].mean(-1)
+    assert menu.max() - menu.min() > 0.5
+    background = np.median(menu)
+    assert background > 0.7 if theme is Theme.LIGHT else background < 0.3
+
+
+def test_play_and_pause_leave_the_row_where_it_is(drive: Drive) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        before = box(test, "Timeline/loop").min.x
+        test.item_click("Timeline/###play")
+        test.yield_(2)
+        assert driven.state.playback.is_playing
+        assert box(test, "Timeline/loop").min.x == before
+
+    drive(script)
+
+
+def test_the_switches_of_a_lobe_are_on_the_line_of_its_name(drive: Drive) -> None:
+    def middle(found: Any) -> float:
+        return (found.min.y + found.max.y) / 2
+
+    def script(test: Any, driven: Driven) -> None:
+        test.yield_(3)
+        name = middle(box(test, "Lobes/**/lobe_00"))
+        for switch in ("S", "M"):
+            assert middle(box(test, f"Lobes/**/{switch}")) == pytest.approx(name, abs=1.5)
+
+    drive(script)
+
+
+def test_a_tooltip_leaves_the_next_control_in_view(drive: Drive) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        test.yield_(3)
+        here, following = box(test, "Look/view"), box(test, "Look/channel")
+        test.mouse_move("Look/view")
+        imgui.get_io().config_input_trickle_event_queue = False
+        tips = []
+        for _ in range(200):
+            test.yield_()
+            windows_shown = imgui.get_current_context().windows
+            tips = [w for w in windows_shown if "Tooltip" in w.name and w.active]
+            if tips:
+                break
+        assert tips
+        test.yield_(3)
+        tip = tips[0]
+        assert tip.pos.y + tip.size.y <= here.min.y + 1
+        assert tip.pos.y + tip.size.y < following.min.y
+
+    drive(script)
+
+
+def test_outlines_can_be_hidden(drive: Drive, two_lamps: LobeTracks, tmp_path: Path) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        driven.state.select(None)
+        seen = []
+        for outlines in (Outlines.ALL, Outlines.SELECTED, Outlines.NONE):
+            assert driven.state.outlines is outlines
+            test.yield_(2)
+            picture = tmp_path / f"{outlines}.png"
+            testing.capture(test, str(picture))
+            found = OpenImageIO.ImageBuf(str(picture)).get_pixels(OpenImageIO.FLOAT)
+            assert found is not None
+            place = box(test, "Map/##map")
+            rows = slice(int(place.min.y), int(place.max.y))
+            seen.append(found[rows, int(place.min.x) : int(place.max.x), :3])
+            test.mouse_move_to_pos(ImVec2(5, 5))
+            test.key_press(int(imgui.Key.h))
+        assert np.abs(seen[0] - seen[1]).max() > 0.1
+        np.testing.assert_array_equal(seen[1], seen[2])
+
+    drive(script)
+
+
+def test_all_curves_are_inside_of_their_plot(two_lamps: LobeTracks) -> None:
+    lobes = two_lamps.lobes.clone()
+    lobes.amplitude[:, 1] *= 1e-4
+    tracks = LobeTracks(two_lamps.frames, 24.0, lobes)
+    amplitude, sharpness, turn = track_curves(Held(tracks))
+    for values, is_logarithmic in ((amplitude, True), (sharpness, True), (turn, False)):
+        low, high = _limits(values, is_logarithmic)
+        assert low <= values.min()
+        assert values.max() <= high
+    # a lobe of a ten-thousandth of the other's light is in view
+    low, high = _limits(amplitude, True)
+    assert 1e4 < high / low < 1e6
+    assert amplitude[1].min() == pytest.approx(0.9e-4 * 0.2126)
+    lobes.amplitude[1:, 1] = 0  # it goes out: its curve falls to the floor, no further
+    fading = track_curves(Held(LobeTracks(two_lamps.frames, 24.0, lobes)))[0]
+    np.testing.assert_allclose(fading[1, 1:], 0.1 * fading[1, 0], rtol=1e-6)
+
+
+def test_a_message_is_forgotten_when_it_has_been_read(drive: Drive) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        driven.state.message = "Nothing to undo."
+        test.yield_(2)
+        driven.seconds = 15.0
+        test.yield_(2)
+        assert driven.state.message == "Nothing to undo."
+        driven.seconds = 21.0
+        test.yield_(2)
+        assert driven.state.message == ""
+
+    drive(script)

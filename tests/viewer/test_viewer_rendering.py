@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Balls over time as files: PNG, EXR and MP4, by frames and as a turntable, off screen."""
+
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+import moderngl
+import numpy as np
+import OpenImageIO
+import pytest
+import torch
+from imgui_bundle import imgui
+from windows import Drive, Driven, grey, wait_for
+
+from asglight.cli.main import main
+from asglight.errors import InputError
+from asglight.images import write_exr
+from asglight.lobes import LobeTracks
+from asglight.usd import write_usd
+from asglight.viewer.arrangement import cells
+from asglight.viewer.display import Comparison
+from asglight.viewer.io import native
+from asglight.viewer.io.rendering import Rendering
+from asglight.viewer.io.wanted import Wanted
+from asglight.viewer.renderer import Renderer
+from asglight.viewer.session import Session
+from asglight.viewer.source import FixedSource
+from asglight.viewer.state import Request, ViewerState
+
+SIZE = (240, 48)
+
+
+@pytest.fixture
+def stage(two_lamps: LobeTracks, tmp_path: Path) -> Path:
+    write_usd(two_lamps, tmp_path / "shot.usda", dome_height=2)
+    return tmp_path / "shot.usda"
+
+
+@pytest.fixture
+def session(two_lamps: LobeTracks) -> Session:
+    return Session(ViewerState(two_lamps), FixedSource(two_lamps), "shot.usda")
+
+
+def pixels(path: Path) -> np.ndarray:
+    found = OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT)
+    assert found is not None
+    return found
+
+
+def render(opengl: moderngl.Context, session: Session, wanted: Wanted) -> Rendering:
+    """Write all pictures; a reference is decoded in threads meanwhile."""
+    rendering = Rendering(session, Renderer(opengl), wanted)
+    while not rendering.step():
+        pass
+    return rendering
+
+
+def test_frames_are_written_by_their_numbers_and_the_playhead_comes_back(
+    opengl: moderngl.Context, session: Session, tmp_path: Path
+) -> None:
+    playback = session.state.playback
+    playback.go_to(1002)
+    playback.mark_in()
+    render(opengl, session, Wanted(tmp_path / "out.####.png", SIZE))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.1002.png", "out.1004.png"]
+    assert playback.frame == 1002
+    first, last = (pixels(tmp_path / f"out.{frame}.png") for frame in (1002, 1004))
+    assert first.shape == (48, 240, 3)
+    assert np.abs(first - last).max() > 0.1  # the green lamp has moved
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [("a.%04d.png", "a.0007.png"), ("a.#.png", "a.7.png"), ("a.%d.png", "a.7.png")],
+)
+def test_patterns_are_those_of_studios(name: str, file: str) -> None:
+    assert Wanted(Path(name), SIZE).file(7).name == file
+
+
+def test_an_exr_holds_radiance_without_exposure_and_view(
+    opengl: moderngl.Context, session: Session, tmp_path: Path
+) -> None:
+    session.state.display.exposure_ev = 5.0
+    session.state.environment.intensity_ev = 1.0
+    render(opengl, session, Wanted(tmp_path / "out.####.exr", SIZE))
+    found = pixels(tmp_path / "out.1001.exr")
+    x, y, side = cells(SIZE, 6)[-1]
+    # the Lambertian ball's mean over normals in view of a lamp overhead: compared with its own
+    # value at the shader's size, read from the GPU
+    centre = found[y + side // 2, x + side // 2]
+    session.state.playback.go_to(1001)
+    renderer = Renderer(opengl)
+    renderer.balls(session.state, SIZE)
+    value, _ = renderer.pixel((x + side // 2 + 0.5) / SIZE[0], (y + side // 2 + 0.5) / SIZE[1])
+    assert value is not None
+    np.testing.assert_allclose(centre, 2 * value, rtol=2e-3, atol=1e-5)  # 2 is the intensity
+
+
+def test_rows_of_fit_and_reference_are_both_in_the_exr(
+    opengl: moderngl.Context, two_lamps: LobeTracks, tmp_path: Path
+) -> None:
+    state = ViewerState(two_lamps, grey(two_lamps))
+    session = Session(state, FixedSource(two_lamps), "shot.usda")
+    state.playback.last = 0
+    assert state.shown is Comparison.ROWS
+    render(opengl, session, Wanted(tmp_path / "out.exr", (240, 96)))
+    found = pixels(tmp_path / "out.exr")
+    x, y, side = cells((240, 48), 6)[-1]
+    below = found[48 + y + side // 2, x + side // 2]
+    # a white Lambertian ball under an even radiance of 0.5 shows 0.5; a quarter of the samples
+    np.testing.assert_allclose(below, 0.5, rtol=0.05)
+    state.compare_with(None)
+
+
+def test_a_turntable_turns_once_and_comes_back(
+    opengl: moderngl.Context, session: Session, tmp_path: Path
+) -> None:
+    session.state.camera.environment_deg = 30.0
+    render(opengl, session, Wanted(tmp_path / "t.##.png", SIZE, turntable=4))
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["t.01.png", "t.02.png", "t.03.png", "t.04.png"]
+    pictures = [pixels(tmp_path / name) for name in names]
+    assert all(np.abs(pictures[0] - other).max() > 0.1 for other in pictures[1:])
+    assert session.state.camera.environment_deg == 30.0
+
+
+def test_labels_name_the_balls_and_the_frame(
+    opengl: moderngl.Context, session: Session, tmp_path: Path
+) -> None:
+    size = (960, 240)
+    render(opengl, session, Wanted(tmp_path / "clean.####.png", size))
+    render(opengl, session, Wanted(tmp_path / "labelled.####.png", size, is_labelled=True))
+    clean, labelled = (pixels(tmp_path / f"{n}.1001.png") for n in ("clean", "labelled"))
+    changed = np.abs(clean - labelled).max(-1) > 0.2
+    assert changed[:40, :480].any()  # the title
+    assert changed[:40, 480:].any()  # the frame
+    for x, y, side in cells(size, 6):
+        assert changed[y + side : y + side + 30, x : x + side].any()
+        inside = changed[y + side // 4 : y + 3 * side // 4, x + side // 4 : x + 3 * side // 4]
+        assert not inside.any()
+
+
+def film(path: Path) -> tuple[dict, list[np.ndarray]]:
+    reader = imageio_ffmpeg.read_frames(str(path))
+    about = next(reader)
+    columns, rows = about["size"]
+    return about, [np.frombuffer(one, np.uint8).reshape(rows, columns, 3) for one in reader]
+
+
+def test_an_mp4_holds_every_frame_at_the_shots_rate(
+    opengl: moderngl.Context, two_lamps: LobeTracks, tmp_path: Path
+) -> None:
+    tracks = LobeTracks(two_lamps.frames, 25.0, two_lamps.lobes)
+    session = Session(ViewerState(tracks), FixedSource(tracks), "shot.usda")
+    render(opengl, session, Wanted(tmp_path / "out.mp4", SIZE))
+    render(opengl, session, Wanted(tmp_path / "out.####.png", SIZE))
+    about, pictures = film(tmp_path / "out.mp4")
+    assert about["fps"] == 25
+    assert len(pictures) == 3
+    for picture, frame in zip(pictures, two_lamps.frames, strict=True):
+        wanted = 255 * pixels(tmp_path / f"out.{frame}.png")
+        # colours at half of the resolution, and the loss of the encoder
+        assert np.abs(picture - wanted).mean() < 4
+    assert not list(tmp_path.glob(".asglight*"))
+
+
+def test_a_film_that_is_left_leaves_no_file(
+    opengl: moderngl.Context, session: Session, tmp_path: Path
+) -> None:
+    rendering = Rendering(session, Renderer(opengl), Wanted(tmp_path / "out.mp4", SIZE))
+    while rendering.done < 1:
+        rendering.step()
+    rendering.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        (Wanted(Path("a.jpg"), SIZE), "a.jpg: is no picture; expected a name ending in .png"),
+        (Wanted(Path("a.png"), SIZE), "a.png: one name for 3 pictures; expected a pattern such as"),
+        (Wanted(Path("a.mp4"), (241, 48)), "a.mp4: 241x48 has an odd side; an MP4 needs even"),
+        (Wanted(Path("a.#.exr"), SIZE, True), "a.#.exr: labels have no radiance; expected .png"),
+        (Wanted(Path("/gone/a.mp4"), SIZE), "cannot be written .no folder"),
+    ],
+)
+def test_what_cannot_be_rendered_is_said_first(
+    opengl: moderngl.Context, session: Session, wanted: Wanted, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        Rendering(session, Renderer(opengl), wanted)
+
+
+def test_the_command_renders_without_a_display(
+    opengl: moderngl.Context, stage: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sky = tmp_path / "sky.exr"
+    write_exr(sky, torch.full((8, 16, 3), 0.25))
+    output = tmp_path / "out.####.png"
+    arguments = ["view", str(stage), "--reference", str(sky), "--render", str(output)]
+    assert main([*arguments, "--size", "240x96", "--labels"]) == 0
+    opengl.__enter__()
+    assert sorted(p.name for p in tmp_path.glob("out.*")) == [
+        "out.1001.png",
+        "out.1002.png",
+        "out.1004.png",
+    ]
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--labels"], "--labels: given without --render; expected both or neither."),
+        (["--turntable", "4"], "--turntable: given without --render; expected both or neither."),
+        (["--render", "a.mp4", "--screenshot", "b.png"], "--render: given with --screenshot;"),
+        (["--render", "a.mp4", "--turntable", "0"], "--turntable 0: expected 1 picture or more."),
+    ],
+)
+def test_options_without_effect_are_refused(
+    stage: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(stage), *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_the_window_renders_what_it_shows(
+    drive: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(native, "has_dialog", lambda: False)
+    monkeypatch.chdir(tmp_path)
+
+    def script(test: Any, driven: Driven) -> None:
+        test.yield_(3)
+        test.key_press(int(imgui.Key.mod_ctrl) | int(imgui.Key.r))
+        test.yield_(2)
+        browser = driven.window.documents.browser
+        assert browser is not None
+        assert browser.name == "test.####.png"
+        browser.name = "film.mp4"
+        test.item_click("//$FOCUSED/###accept")
+        wait_for(test, driven, "Rendered 3 pictures.")
+
+    drive(script)
+    assert len(film(tmp_path / "film.mp4")[1]) == 3
+
+
+def test_a_rendering_in_the_window_can_be_stopped(drive: Drive, tmp_path: Path) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        test.yield_(3)
+        driven.window.save(Request.RENDER_TURNTABLE, tmp_path / "film.mp4")
+        test.yield_(3)
+        test.key_press(int(imgui.Key.escape))
+        test.yield_(2)
+        assert driven.window.rendering is None
+        assert driven.state.message.startswith("Stopped after")
+        driven.window.save(Request.RENDER, tmp_path / "a.png")
+        wait_for(test, driven, f"{tmp_path}/a.png: one name for 3 pictures")
+
+    drive(script)
+    assert list(tmp_path.iterdir()) == []

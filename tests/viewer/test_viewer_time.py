@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Time between frames: lobes by the rule of motion, the reference dissolved; the timeline."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import windows
+from imgui_bundle import ImVec2, imgui
+from windows import Drive, Driven
+
+from asglight.errors import InputError
+from asglight.lobes import LobeTracks, asg
+from asglight.viewer.app import set_up
+from asglight.viewer.playback import Playback
+from asglight.viewer.reference import Reference
+from asglight.viewer.session import Session
+from asglight.viewer.source import FixedSource
+from asglight.viewer.state import ViewerState
+from asglight.viewer.time_span import TimeSpan, tick_step
+
+
+def ramp(tracks: LobeTracks) -> Reference:
+    """Return a reference whose radiance is its frame number."""
+    return Reference("ramp", tracks.frames, lambda f: np.full((4, 8, 3), f, np.float32))
+
+
+def bar_point(test: Any, share: float) -> ImVec2:
+    box = test.item_info("Timeline/##bar").rect_full
+    return ImVec2(box.min.x + share * (box.max.x - box.min.x), (box.min.y + box.max.y) / 2)
+
+
+def test_half_a_frame_has_half_of_both_fluxes_the_mean_log_sharpness_and_half_the_turn(
+    two_lamps: LobeTracks,
+) -> None:
+    lobes = two_lamps.lobes.clone()
+    lobes.sharpness[1, 0] = torch.tensor([800.0, 800.0])
+    lobes.amplitude[1, 0] *= 2
+    state = ViewerState(LobeTracks(two_lamps.frames, 24.0, lobes))
+    state.playback.go_to_time(1001.5)
+    half = state.lobes
+    assert half.axes.dtype == torch.float32
+    flux = asg.flux(lobes[0].to(torch.float64)) / 2 + asg.flux(lobes[1].to(torch.float64)) / 2
+    torch.testing.assert_close(asg.flux(half.to(torch.float64)), flux, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(half.sharpness[0], [400.0, 400.0], rtol=1e-6)  # sqrt(200 800)
+    # it turns evenly: as far from the one direction as from the other
+    first, last = lobes.axis_z[0, 0] @ half.axis_z[0], lobes.axis_z[1, 0] @ half.axis_z[0]
+    assert float(first) == pytest.approx(float(last), abs=1e-6)
+    assert torch.equal(state.lobes.axes, half.axes)
+
+
+def test_between_frames_the_reference_is_dissolved_and_said_to_be(two_lamps: LobeTracks) -> None:
+    references = ramp(two_lamps)
+    state = ViewerState(two_lamps, references)
+    for frame in two_lamps.frames:
+        references.wait(frame, 10)
+    state.playback.go_to_time(1001.25)
+    np.testing.assert_allclose(state.reference_image, 1001.25)
+    assert state.reference_image is state.reference_image
+    assert state.reference_label == "1001 dissolved into 1002"
+    state.playback.go_to(1002)
+    assert state.reference_label == ""
+    np.testing.assert_allclose(state.reference_image, 1002)
+    state.compare_with(None)
+
+
+def test_the_playhead_between_frames() -> None:
+    playback = Playback([1001, 1002, 1004], 24.0)
+    playback.go_to_time(1001.5)
+    assert (playback.frame, playback.next_frame, playback.time) == (1001, 1002, 1001.5)
+    playback.step(1)
+    assert playback.time == 1002
+    playback.go_to_time(1003.0)  # a gap: half-way between the frames around it
+    assert (playback.frame, playback.part) == (1002, 0.5)
+    playback.step(-1)
+    assert playback.time == 1002
+    playback.step_half(1)
+    assert playback.time == 1002.5
+    playback.step_half(-1)
+    playback.step_half(-1)
+    assert playback.time == 1001.5
+    playback.go_to_time(9999.0)
+    assert (playback.time, playback.is_between) == (1004, False)
+    playback.go_to_time(1001.5)
+    playback.play(0.0)
+    assert not playback.is_between
+
+
+def test_frames_a_second_and_dropped_frames_are_counted() -> None:
+    playback = Playback(range(1, 101), 24.0)
+    playback.loops = False
+    playback.play(0.0)
+    assert playback.achieved_fps is None
+    for picture in range(1, 11):  # twelve pictures a second: each second frame is left out
+        playback.tick(picture / 12 + 1e-4)
+    assert playback.achieved_fps == pytest.approx(12, rel=1e-2)
+    assert playback.dropped == 10
+    playback.pause()
+    assert playback.achieved_fps is None
+
+
+def test_frames_dropped_around_the_end_are_counted() -> None:
+    playback = Playback(range(1, 11), 10.0)
+    playback.go_to(9)
+    playback.play(0.0)
+    playback.tick(0.41)  # 9, then 10, 1, 2, and 3 is shown
+    assert playback.frame == 3
+    assert playback.dropped == 3
+
+
+@pytest.mark.parametrize(
+    ("room", "step"), [(0.5, 1), (1.5, 2), (4, 5), (6, 10), (30, 50), (99, 100)]
+)
+def test_numbers_on_the_timeline_are_round(room: float, step: int) -> None:
+    assert tick_step(room) == step
+
+
+def test_the_timeline_zooms_about_the_pointer_and_stays_in_the_shot() -> None:
+    span = TimeSpan(1001, 2001)
+    assert span.ticks(45) == list(range(1050, 2001, 50))
+    span.zoom(10, 1501)
+    assert (span.begin, span.end) == (1451, 1551)
+    assert not span.is_whole
+    span.pan(-9999)
+    assert (span.begin, span.end) == (1001, 1101)
+    span.follow(1200.0)
+    assert span.begin < 1200 < span.end
+    span.zoom(1e9, 1200.0)
+    assert span.length == 4
+    span.zoom(1e-9, 1200.0)
+    assert span.is_whole
+    span.zoom(2, 1500.0)
+    span.show_all()
+    assert span.is_whole
+
+
+def test_shift_scrubs_between_frames_and_the_wheel_zooms(drive: Drive) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        playback = driven.state.playback
+        test.key_down(int(imgui.Key.mod_shift))
+        test.mouse_move_to_pos(bar_point(test, 0.05))
+        test.mouse_down(0)
+        test.mouse_move_to_pos(bar_point(test, 0.25))  # four frames' room: the middle of 1001 + 1/2
+        test.yield_(2)
+        test.mouse_up(0)
+        test.key_up(int(imgui.Key.mod_shift))
+        assert playback.time == pytest.approx(1001.5, abs=0.01)  # a point is 0.004 frames
+        playback.go_to_time(1001.5)
+        test.key_press(int(imgui.Key.mod_shift) | int(imgui.Key.right_arrow))
+        assert playback.time == 1002
+        test.key_press(int(imgui.Key.mod_shift) | int(imgui.Key.left_arrow))
+        assert playback.time == 1001.5
+
+    drive(script)
+
+
+def test_the_wheel_zooms_the_timeline_of_a_long_shot(drive: Drive, two_lamps: LobeTracks) -> None:
+    lobes = two_lamps.lobes[:1].select(torch.tensor([0]))
+    many = LobeTracks(
+        tuple(range(1001, 2001)),
+        24.0,
+        type(lobes)(
+            lobes.axes.repeat(1000, 1, 1, 1),
+            lobes.sharpness.repeat(1000, 1, 1),
+            lobes.amplitude.repeat(1000, 1, 1),
+        ),
+    )
+
+    def script(test: Any, driven: Driven) -> None:
+        test.mouse_move_to_pos(bar_point(test, 0.5))
+        test.yield_(2)
+        test.mouse_wheel_y(8)
+        test.yield_(2)
+        span = driven.state.span
+        assert span.length == pytest.approx(1000 / 1.25**8)
+        assert span.begin < 1501 < span.end
+        test.key_press(int(imgui.Key.mod_shift) | int(imgui.Key.f))
+        assert span.is_whole
+
+    windows.drive(many, script)
+
+
+def test_a_time_can_be_typed(drive: Drive) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        test.item_input_value("Timeline/##frame", 1001.5)
+        assert driven.state.playback.time == 1001.5
+        test.item_input_value("Timeline/##frame", 1004.0)
+        assert driven.state.playback.time == 1004
+
+    drive(script)
+
+
+@pytest.mark.parametrize(("frame", "time"), [(1002, 1002), (1001.5, 1001.5), (None, 1001)])
+def test_a_screenshot_can_be_of_a_time_between_frames(
+    two_lamps: LobeTracks, frame: float | None, time: float
+) -> None:
+    session = Session(ViewerState(two_lamps), FixedSource(two_lamps), "shot.usda")
+    set_up(session, frame, None)
+    assert session.state.playback.time == time
+
+
+@pytest.mark.parametrize("frame", [1003, 1000.5, 1004.5])
+def test_a_time_outside_of_the_shot_is_refused(two_lamps: LobeTracks, frame: float) -> None:
+    session = Session(ViewerState(two_lamps), FixedSource(two_lamps), "shot.usda")
+    with pytest.raises(InputError, match=rf"--frame {frame:g}: not in shot.usda; expected"):
+        set_up(session, frame, None)
