@@ -68,6 +68,16 @@ def clear(owner: bpy.types.ID, path: str) -> None:
                 bag.fcurves.remove(curve)
 
 
+def forget(owner: bpy.types.ID) -> None:
+    """Remove all that animates a data-block, and its action where nothing else has it."""
+    if owner.animation_data is None:
+        return
+    action = owner.animation_data.action
+    owner.animation_data_clear()
+    if action is not None and action.users == 0:
+        bpy.data.actions.remove(action)
+
+
 def _channels(owner: bpy.types.ID) -> bpy.types.ActionChannelbag:
     """Return where a data-block's curves are, made if it has none."""
     data = owner.animation_data or owner.animation_data_create()
@@ -81,7 +91,13 @@ def _channels(owner: bpy.types.ID) -> bpy.types.ActionChannelbag:
     return strip.channelbag(data.action_slot, ensure=True)
 
 
-def drive(owner: bpy.types.ID, path: str, expression: str, inputs: dict[str, tuple[bpy.types.ID, str]]) -> None:
+def drive(
+    owner: bpy.types.ID,
+    path: str,
+    expression: str,
+    inputs: dict[str, tuple[bpy.types.ID, str]],
+    index: int = -1,
+) -> None:
     """Let a property follow others, by an expression simple enough to need no trust in scripts.
 
     Args:
@@ -89,11 +105,10 @@ def drive(owner: bpy.types.ID, path: str, expression: str, inputs: dict[str, tup
         path: Of the property.
         expression: Of the names of the inputs.
         inputs: By name, a data-block and the path from it.
+        index: Of the component, of a property that has several.
     """
-    path, _, index = path.partition("|")
-    where = (path, int(index)) if index else (path,)
-    owner.driver_remove(*where)
-    driver = owner.driver_add(*where).driver
+    owner.driver_remove(path, index)
+    driver = owner.driver_add(path, index).driver
     driver.type = "SCRIPTED"
     for name, (source, source_path) in inputs.items():
         variable = driver.variables.new()

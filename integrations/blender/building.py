@@ -10,20 +10,25 @@ Objects are found again by where they come from, never by their names, which are
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from .animation import Frames, animate, clear, drive
+from .animation import animate, clear, drive
 from .lamps import POWER, TYPES, hide, show
-from .rigs import Lamp, Place, Rig, rotation_matrix, quaternion
+from .rigs import Lamp, Place, Rig, quaternion, rotation_matrix
 from .tracks import Array, Track, in_one_hemisphere, reduced
-from .worlds import show_domes
+from .worlds import PRIM, show_domes
 
-STAGE, PRIM, GAIN = "asglight_stage", "asglight_prim", "gain"
-SCALE, OFFSET, REPRESENTATION = "asglight_scale", "asglight_offset", "asglight_representation"
+STAGE, GAIN = "asglight_stage", "gain"
+SCALE, OFFSET, STRENGTH = "asglight_scale", "asglight_offset", "asglight_strength"
+REPRESENTATION, WISHED = "asglight_representation", "asglight_shown_as"
+DISTANCE = "asglight_distance"
+RIG_SIZE = 0.5
+"""Of the empty of a rig, in metres."""
+
 UNLIT = "asglight_unlit"
 """Properties of objects: what they were imported from, and how."""
 
@@ -35,14 +40,20 @@ class Wishes:
     Attributes:
         stage: File of the stage.
         scale: Metres for each of its units.
+        distance: Of its cards in metres, as asked for.
+        shown_as: The representation, as asked for.
         offset: Frames that its light comes later.
+        strength: What all of its light is multiplied by.
         use_world: Whether the World shows its domes.
         seen: Whether cameras see its cards.
     """
 
     stage: str
     scale: float
+    distance: float
+    shown_as: str
     offset: int
+    strength: float
     use_world: bool
     seen: bool
 
@@ -81,15 +92,20 @@ def build(
         OSError: An image cannot be copied.
     """
     name = Path(wishes.stage).stem
+    rig = scaled(rig, wishes.strength)
     if there is None:
         collection = bpy.data.collections.new(name)
         context.scene.collection.children.link(collection)
         there = _empty(name, collection, None, "SPHERE")
+        there.lock_rotation = (True, True, False)  # the World follows a turn about the vertical
+        there.empty_display_size = RIG_SIZE
     collection = there.users_collection[0]
     known = {str(one[PRIM]): one for one in parts_of(there) if one.type == "EMPTY"}
     lights = {str(one[PRIM]): one for one in parts_of(there) if one.type == "LIGHT"}
     there[STAGE], there[PRIM] = wishes.stage, rig.path
     there[SCALE], there[OFFSET] = wishes.scale, wishes.offset
+    there[STRENGTH], there[DISTANCE] = wishes.strength, wishes.distance
+    there[WISHED] = wishes.shown_as
     there[REPRESENTATION] = rig.representation
     for path in rig.groups:
         if path not in known:
@@ -99,10 +115,19 @@ def build(
     for gone in (*known.values(), *lights.values()):
         bpy.data.objects.remove(gone)
     if wishes.use_world:
-        copies = Path(wishes.stage).with_suffix("")
-        copies = copies.with_name(f"{copies.name}_images")
-        show_domes(context.scene, rig, wishes.frames, copies, wishes.stage)
+        show_domes(context.scene, rig, wishes.frames, wishes.stage, there)
     return there
+
+
+def scaled(rig: Rig, strength: float) -> Rig:
+    """Return a rig whose light is multiplied."""
+
+    def times(light: Track) -> Track:
+        return Track(light.times, strength * light.values)
+
+    lamps = tuple(replace(one, brightness=times(one.brightness)) for one in rig.lamps)
+    domes = tuple(replace(one, brightness=times(one.brightness)) for one in rig.domes)
+    return replace(rig, lamps=lamps, domes=domes)
 
 
 def _empty(
@@ -176,12 +201,12 @@ def _light(
     return light
 
 
-def _place(
-    light: bpy.types.Object, lamp: Lamp, group: Place, rig: Place, wishes: Wishes
-) -> None:
+def _place(light: bpy.types.Object, lamp: Lamp, group: Place, rig: Place, wishes: Wishes) -> None:
     """Place a light below the empty of its lobe, which stands at the origin of the rig."""
     own = lamp.place
-    times = np.unique(np.concatenate([own.rotation.times, own.position.times, group.rotation.times]))
+    times = np.unique(
+        np.concatenate([own.rotation.times, own.position.times, group.rotation.times])
+    )
     position, turn = [], []
     apart = own.position.at(times) - rig.position.at(times)
     for offset, mine, lobes in zip(

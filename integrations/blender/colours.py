@@ -34,7 +34,9 @@ BLENDER_NAMES = {
 }
 """What Blender's configuration calls them; it has no linear Adobe RGB."""
 
-_BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+_BRADFORD = np.array(
+    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
+)
 
 
 def between(source: str, target: str) -> Matrix:

@@ -8,9 +8,7 @@ angle, visibility and the images of domes get F-curves at all their samples.
 import bpy
 
 from . import lamps, worlds
-from .animation import animate
-from .building import PRIM
-from .reading import Warned, folder_of_copies, rigs_of, working_space
+from .reading import Warned, rigs_of, working_space
 from .tracks import Array
 
 
@@ -44,11 +42,11 @@ class ASGLIGHT_USD_hook(bpy.types.USDHook):  # noqa: N801 - Blender's way to nam
                     if isinstance(block, bpy.types.Light):
                         lamps.show(block, lamp, _ONE, frames, "energy")
                     elif isinstance(block, bpy.types.Object) and block.type == "LIGHT":
-                        block[PRIM] = lamp.path
+                        block[worlds.PRIM] = lamp.path
                         lamps.hide(block, lamp, frames)
             warned.about(rig)
             if rig.domes:
-                worlds.show_domes(scene, rig, frames, folder_of_copies(path), path)
+                worlds.show_domes(scene, rig, frames, path)
             elif not worlds.show_nothing_grey(scene):
                 warned.say("the World shines too; make it black, or it adds to the light")
         warned.show()

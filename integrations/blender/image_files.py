@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Images of a dome as what Blender calls a sequence: names that differ in their last number."""
 
-import os
 import re
 import shutil
-import tempfile
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -86,14 +84,13 @@ def _counted(paths: Sequence[Path]) -> list[str]:
 
 def _copy(image: str, target: Path) -> None:
     """Copy an image beside its target, and rename it."""
-    handle, name = tempfile.mkstemp(dir=target.parent, suffix=target.suffix)
-    beside = Path(name)
+    beside = target.with_name(f".{target.name}.part")
     try:
-        with os.fdopen(handle, "wb") as written:
+        with beside.open("wb") as written:
             if is_packed(image):
-                with zipfile.ZipFile(image[: image.index("[")]) as package:
-                    with package.open(inner_name(image)) as read:
-                        shutil.copyfileobj(read, written)
+                package = zipfile.ZipFile(image[: image.index("[")])
+                with package, package.open(inner_name(image)) as read:
+                    shutil.copyfileobj(read, written)
             else:
                 with open(image, "rb") as read:
                     shutil.copyfileobj(read, written)

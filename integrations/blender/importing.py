@@ -8,7 +8,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 from pxr import Tf, Usd, UsdGeom
 
-from . import building, reading, rigs
+from . import building, reading, rigs, worlds
 from .building import Wishes
 
 DISTANCE = 100.0
@@ -44,6 +44,9 @@ class ASGLIGHT_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blen
         soft_max=1000.0,
         unit="LENGTH",
         description="How far away lights stand; their light at the middle does not depend on it",
+    )
+    strength: FloatProperty(
+        name="Strength", default=1.0, min=0.0, soft_max=10.0, description="Multiplies all light"
     )
     offset: IntProperty(name="Frame offset", description="Frames that the light comes later")
     set_time: BoolProperty(
@@ -95,7 +98,16 @@ class ASGLIGHT_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blen
         self._set_time(scene, stage)
         metres = UsdGeom.GetStageMetersPerUnit(stage)
         scale = self.distance / found.distance if found.distance > 0 else metres
-        wishes = Wishes(path, scale, self.offset, self.use_world, self.seen)
+        wishes = Wishes(
+            path,
+            scale,
+            self.distance,
+            self.representation,
+            self.offset,
+            self.strength,
+            self.use_world,
+            self.seen,
+        )
         rig = building.build(context, found, wishes, self._there(scene, path, found.path))
         if found.place.position.is_constant:
             moved = metres * found.place.position.values[0]
@@ -112,13 +124,11 @@ class ASGLIGHT_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blen
             )
         return rig, warned
 
-    def _there(
-        self, scene: bpy.types.Scene, path: str, prim: str
-    ) -> bpy.types.Object | None:
+    def _there(self, scene: bpy.types.Scene, path: str, prim: str) -> bpy.types.Object | None:
         """Return the rig to bring up to date."""
         for one in building.rigs_in(scene):
             if one.name == self.rig or (
-                not self.rig and one[building.STAGE] == path and one[building.PRIM] == prim
+                not self.rig and one[building.STAGE] == path and one[worlds.PRIM] == prim
             ):
                 return one
         return None

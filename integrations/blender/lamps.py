@@ -66,7 +66,9 @@ def show(data: bpy.types.Light, lamp: Lamp, scale: Array, frames: Frames, power:
 
 
 def hide(thing: bpy.types.Object, lamp: Lamp, frames: Frames) -> None:
-    """Hide an object while its light is invisible."""
+    """Hide an object while its light is invisible; else whether it is hidden is the user's."""
+    if lamp.visible.is_constant and lamp.visible.values.all():
+        return
     hidden = Track(lamp.visible.times, 1.0 - lamp.visible.values)
     for name in ("hide_render", "hide_viewport"):
         animate(thing, name, hidden, frames, held=True)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the hook and the importer share: stages opened, Blender's colours, words of warning."""
 
-from pathlib import Path
-
 import bpy
 from pxr import Usd
 
@@ -19,20 +17,24 @@ def working_space() -> str:
 
 
 def rigs_of(stage: Usd.Stage, space: str) -> list[Rig]:
-    """Return all rigs of a stage as they are shown."""
-    return [read_rig(prim, space) for prim in rig_prims(stage)]
+    """Return all rigs of a stage as they are shown.
 
-
-def folder_of_copies(stage: str) -> Path:
-    """Return the folder beside a stage for images that Blender cannot play where they are."""
-    path = Path(stage)
-    return path.with_name(f"{path.stem}_images")
+    The stage that Blender's importer hands over holds values from sample to sample; lights are
+    linear between them.
+    """
+    kept = stage.GetInterpolationType()
+    stage.SetInterpolationType(Usd.InterpolationTypeLinear)
+    try:
+        return [read_rig(prim, space) for prim in rig_prims(stage)]
+    finally:
+        stage.SetInterpolationType(kept)
 
 
 class Warned:
     """Words about light that Blender cannot show as the stage says."""
 
     def __init__(self) -> None:
+        """Start with none."""
         self.lines: list[str] = []
 
     def say(self, line: str) -> None:

@@ -207,7 +207,11 @@ class _Reader:
         names = ("inputs:width", "inputs:height") if kind == "card" else ("inputs:angle",)
         size = _values(prim, names)
         normalize = bool(prim.GetAttribute("inputs:normalize").Get())
-        names = ("inputs:intensity", "inputs:exposure", *(names if normalize or kind == "sun" else ()))
+        names = (
+            "inputs:intensity",
+            "inputs:exposure",
+            *(names if normalize or kind == "sun" else ()),
+        )
         area = _area(place) if kind == "card" else 1.0
 
         def brightness(time: float) -> list[float]:
@@ -348,5 +352,3 @@ def _ancestry(prim: Usd.Prim) -> Iterator[Usd.Prim]:
     while prim and not prim.IsPseudoRoot():
         yield prim
         prim = prim.GetParent()
-
-

@@ -8,42 +8,57 @@ import numpy as np
 from mathutils import Euler, Matrix, Quaternion
 
 from . import colours
-from .animation import Frames, animate
+from .animation import Frames, animate, drive, forget
 from .image_files import ImageSequence, image_sequence
 from .rigs import Dome, Rig
 from .tracks import Track
 
-DEFAULT_GREY = 0.05087609
-"""What a new World shines with in every channel: as bright as light from cards in their shade."""
+SIDE = "asglight_side"
+"""The property of an image that says which node shows it."""
 
-OWN = "asglight_stage"
-"""The property of a World that says whose it is."""
+PRIM = "asglight_prim"
+"""The property of a Background that says which dome it is."""
+
+DEFAULT_GREYS = (0.0500, 0.0509)
+"""What a new World shines with in every channel, made by hand or with a new file. Nobody chose it,
+and it is as bright as some of the light of a stage."""
+
+OWN, BEFORE = "asglight_stage", "asglight_before"
+"""Properties of a World: whose it is, and which one was there."""
 
 
-def show_domes(scene: bpy.types.Scene, rig: Rig, frames: Frames, copies: Path, stage: str) -> None:
+def show_domes(
+    scene: bpy.types.Scene,
+    rig: Rig,
+    frames: Frames,
+    stage: str,
+    turned_by: bpy.types.Object | None = None,
+) -> None:
     """Make the scene's World show a rig's domes, and nothing where it has none.
 
     Args:
         scene: Its World is kept with a fake user, unless it is one made here.
         rig: The rig.
         frames: Where time codes are in the scene.
-        copies: Folder for images that Blender cannot play where they are.
-        stage: File of the stage.
+        stage: File of the stage; copies of images that Blender cannot play where they are go
+            to a folder beside it.
+        turned_by: An object whose turn about the vertical turns the domes.
 
     Raises:
         OSError: An image cannot be copied.
     """
     world = scene.world
     if world is None or OWN not in world:
-        if world is not None:
-            world.use_fake_user = True
+        before = world
         world = bpy.data.worlds.new(f"asglight {Path(stage).stem}")
+        if before is not None:
+            before.use_fake_user = True
+            world[BEFORE] = before
         scene.world = world
     world[OWN] = stage
     world.use_nodes = True
     tree = world.node_tree
-    if tree.animation_data is not None:
-        tree.animation_data_clear()
+    forget(tree)
     tree.nodes.clear()
     output = tree.nodes.new("ShaderNodeOutputWorld")
     black = tree.nodes.new("ShaderNodeBackground")
@@ -51,7 +66,7 @@ def show_domes(scene: bpy.types.Scene, rig: Rig, frames: Frames, copies: Path, s
     black.location = (-200, 300)
     shown = black.outputs[0]
     for index, dome in enumerate(rig.domes):
-        background = _dome(tree, dome, rig, frames, copies)
+        background = _dome(tree, dome, rig, frames, folder_of_copies(stage))
         if index == 0:
             shown = background.outputs[0]
             continue
@@ -62,6 +77,14 @@ def show_domes(scene: bpy.types.Scene, rig: Rig, frames: Frames, copies: Path, s
     if rig.domes:
         tree.nodes.remove(black)
     tree.links.new(shown, output.inputs["Surface"])
+    if turned_by is not None:
+        _turn(tree, turned_by)
+
+
+def folder_of_copies(stage: str) -> Path:
+    """Return the folder beside a stage for images that Blender cannot play where they are."""
+    path = Path(stage)
+    return path.with_name(f"{path.stem}_images")
 
 
 def show_nothing_grey(scene: bpy.types.Scene) -> bool:
@@ -78,7 +101,7 @@ def show_nothing_grey(scene: bpy.types.Scene) -> bool:
         return False
     colour = backgrounds[0].inputs["Color"].default_value if backgrounds else world.color
     values = np.array(colour[:3])
-    if np.allclose(values, DEFAULT_GREY, rtol=1e-2, atol=0):
+    if any(np.allclose(values, grey, rtol=2e-3, atol=0) for grey in DEFAULT_GREYS):
         colour[0] = colour[1] = colour[2] = 0.0
         values[:] = 0
     return not values.any()
@@ -91,6 +114,7 @@ def _dome(
     name = dome.path.rpartition("/")[2]
     background = tree.nodes.new("ShaderNodeBackground")
     background.name = background.label = name
+    background[PRIM] = dome.path
     background.location = (-200, 0)
     tint = tree.nodes.new("ShaderNodeVectorMath")
     tint.operation, tint.name, tint.label = "MULTIPLY", f"{name} colour", "colour"
@@ -182,8 +206,13 @@ def _picture(
 
 
 def _image(images: ImageSequence, side: int, rig: Rig) -> bpy.types.Image:
-    """Load an image for one of the nodes; an earlier one of its name is used again."""
-    image = bpy.data.images.load(str(images.first))
+    """Load an image for one of the nodes, or load it again."""
+    path = str(images.first)
+    there = [one for one in bpy.data.images if one.get(SIDE) == side and one.filepath == path]
+    image = there[0] if there else bpy.data.images.load(path)
+    image[SIDE] = side
+    if there:
+        image.reload()
     if images.numbers:
         image.source = "SEQUENCE"
     image.name = f"{images.first.stem} {('even', 'odd')[side]}" if images.numbers else image.name
@@ -214,6 +243,19 @@ def _play(
     begins = np.concatenate([dome.times[:1], dome.times[side + 1 :: 2]])[: len(numbers)]
     path = f'nodes["{node.name}"].image_user.frame_offset'
     animate(tree, path, Track(begins, numbers[:, None] - 1), frames, held=True)
+
+
+def _turn(tree: bpy.types.NodeTree, turned_by: bpy.types.Object) -> None:
+    """Turn all domes with an object: before their own Mapping comes one that it drives."""
+    for own in [node for node in tree.nodes if node.bl_idname == "ShaderNodeMapping"]:
+        rig = tree.nodes.new("ShaderNodeMapping")
+        rig.vector_type, rig.label, rig.location = "POINT", "turn of the rig", (-1100, 200)
+        rig.name = f"{own.name} of the rig"
+        link = own.inputs["Vector"].links[0]
+        tree.links.new(link.from_socket, rig.inputs["Vector"])
+        tree.links.new(rig.outputs[0], own.inputs["Vector"])
+        inputs = {"turn": (turned_by, "rotation_euler[2]")}
+        drive(tree, _input(rig, "Rotation"), "-turn", inputs, index=2)
 
 
 def _input(node: bpy.types.Node, name: str) -> str:
