@@ -46,9 +46,9 @@ def packed(output: Path) -> Path:
     with tempfile.TemporaryDirectory(dir=output) as folder:
         beside = Path(folder) / target.name
         with zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as package:
-            for path in sorted(FOLDER.iterdir()):
+            for path in sorted(FOLDER.rglob("*")):
                 if path.is_file() and path.suffix in SUFFIXES:
-                    entry = zipfile.ZipInfo(path.name, EPOCH)
+                    entry = zipfile.ZipInfo(path.relative_to(FOLDER).as_posix(), EPOCH)
                     entry.compress_type = zipfile.ZIP_DEFLATED
                     entry.external_attr = 0o644 << 16
                     package.writestr(entry, path.read_bytes())

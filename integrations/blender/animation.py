@@ -6,7 +6,7 @@ from collections.abc import Callable
 import bpy
 import numpy as np
 
-from .tracks import Array, Track
+from .plain.tracks import Array, Track
 
 _INTERPOLATION = {"CONSTANT": 0, "LINEAR": 1}
 """Blender's own numbers, which setting all keys at once takes."""

@@ -18,8 +18,8 @@ import numpy as np
 
 from .animation import animate, clear, drive
 from .lamps import POWER, TYPES, hide, show
-from .rigs import Lamp, Place, Rig, quaternion, rotation_matrix
-from .tracks import Array, Track, in_one_hemisphere, reduced
+from .plain.rigs import Lamp, Place, Rig, quaternion, rotation_matrix
+from .plain.tracks import Array, Track, in_one_hemisphere, reduced
 from .worlds import PRIM, show_domes
 
 STAGE, GAIN = "asglight_stage", "gain"

@@ -8,7 +8,7 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from . import building
-from .command import Images, Run, fit_line, has_keys, pattern_of, shown_files
+from .plain.command import Images, Run, fit_line, has_keys, pattern_of, shown_files
 from .preferences import command
 from .worlds import BEFORE
 

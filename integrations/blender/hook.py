@@ -8,8 +8,8 @@ angle, visibility and the images of domes get F-curves at all their samples.
 import bpy
 
 from . import lamps, worlds
+from .plain.tracks import Array
 from .reading import Warned, rigs_of, working_space
-from .tracks import Array
 
 
 class ASGLIGHT_USD_hook(bpy.types.USDHook):  # noqa: N801 - Blender's way to name classes

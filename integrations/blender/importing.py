@@ -8,8 +8,9 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 from pxr import Tf, Usd, UsdGeom
 
-from . import building, reading, rigs, worlds
+from . import building, reading, worlds
 from .building import Wishes
+from .plain import rigs
 
 DISTANCE = 100.0
 """Of the cards, in metres: far beyond a set, and most lie inside the clip range of 1,000."""

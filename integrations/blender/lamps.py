@@ -7,8 +7,8 @@ import bpy
 import numpy as np
 
 from .animation import Frames, animate
-from .rigs import Lamp
-from .tracks import Array, Track
+from .plain.rigs import Lamp
+from .plain.tracks import Array, Track
 
 TYPES = {"card": "AREA", "sun": "SUN"}
 

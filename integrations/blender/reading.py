@@ -4,8 +4,8 @@
 import bpy
 from pxr import Usd
 
-from . import colours
-from .rigs import Rig, read_rig, rig_prims
+from .plain import colours
+from .plain.rigs import Rig, read_rig, rig_prims
 
 
 def working_space() -> str:

@@ -11,9 +11,10 @@ from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 from pxr import Tf, Usd
 
-from . import building, reading, rigs, worlds
-from .edits import Seen, View, write_edits
-from .tracks import Array, in_one_hemisphere
+from . import building, reading, worlds
+from .plain import rigs
+from .plain.edits import Seen, View, write_edits
+from .plain.tracks import Array, in_one_hemisphere
 
 
 class ASGLIGHT_OT_save_edits(bpy.types.Operator, ExportHelper):  # noqa: N801 - Blender's way

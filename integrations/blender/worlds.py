@@ -7,11 +7,11 @@ import bpy
 import numpy as np
 from mathutils import Euler, Matrix, Quaternion
 
-from . import colours
 from .animation import Frames, animate, drive, forget
-from .image_files import ImageSequence, image_sequence
-from .rigs import Dome, Rig
-from .tracks import Track
+from .plain import colours
+from .plain.image_files import ImageSequence, image_sequence
+from .plain.rigs import Dome, Rig
+from .plain.tracks import Track
 
 SIDE = "asglight_side"
 """The property of an image that says which node shows it."""

@@ -218,14 +218,25 @@ def _light(author: _Author, known: Any, seen: Seen, back: Array) -> list[str]:
     tint = np.where(lit, wanted / np.where(lit, level, 1.0), 1.0)
     colour = reduced(Track(times, tint))
     author.override("inputs:color", Sdf.ValueTypeNames.Color3f, colour, lambda v: Gf.Vec3f(*v))
-    both = (was.max(-1) > 0) & (seen.light.max(-1) > 0)
+    return _light_words(was, seen.light)
+
+
+def _light_words(was: Array, now: Array) -> list[str]:
+    """Say by how much light is more, and whether its colour is another.  [T, 3]."""
+    levels = was.max(-1), now.max(-1)
+    both = (levels[0] > 0) & (levels[1] > 0)
     if not both.any():
         return ["light"]
-    ratio = seen.light.max(-1)[both] / was.max(-1)[both]
+    ratio = levels[1][both] / levels[0][both]
     low, high = ratio.min(), ratio.max()
-    return [
-        f"light x {low:.3g}" if high - low <= EDITED * high else f"light x {low:.3g} to {high:.3g}"
-    ]
+    words = []
+    if max(abs(low - 1), abs(high - 1)) > EDITED:
+        span = f"{high:.3g}" if high - low <= EDITED * high else f"{low:.3g} to {high:.3g}"
+        words.append(f"light x {span}")
+    tints = [light[both] / light[both].max(-1, keepdims=True) for light in (was, now)]
+    if np.abs(tints[1] - tints[0]).max() > EDITED:
+        words.append("another colour")
+    return words
 
 
 def _intensity(prim: Usd.Prim, time: float) -> float:
