@@ -88,6 +88,8 @@ def seen_of(context: bpy.types.Context, rig: bpy.types.Object) -> View:
         tracks = (lamp.brightness, lamp.colour, lamp.size, place.rotation, place.position)
         every += [track.times for track in tracks if not track.is_constant]
     times = np.unique(np.concatenate(every))
+    for part in building.parts_of(rig):
+        part.update_tag()  # a gain that a script set is told to nobody else
     kept = scene.frame_current, scene.frame_subframe
     try:
         moments = list(_moments(context, rig, times))
