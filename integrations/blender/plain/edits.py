@@ -275,7 +275,8 @@ def _place(author: _Author, known: Lamp, seen: Seen, rig: Place) -> list[str]:
         moved = np.linalg.norm(seen.position - was, axis=-1) > MOVED * far
     turns = own.rotation.at(times)
     turns /= np.linalg.norm(turns, axis=-1, keepdims=True)
-    turned = np.abs((turns * seen.rotation).sum(-1)) < 1 - MOVED**2 / 2
+    now = seen.rotation / np.linalg.norm(seen.rotation, axis=-1, keepdims=True)
+    turned = np.abs((turns * now).sum(-1)) < 1 - MOVED**2 / 2
     if not (moved | turned).any():
         return []
     stage = author.rig.GetStage()
@@ -286,7 +287,7 @@ def _place(author: _Author, known: Lamp, seen: Seen, rig: Place) -> list[str]:
     for index, time in enumerate(times.tolist()):
         rows = np.eye(4)
         lengths = own.scale.at(np.array([time]))[0]
-        rows[:3, :3] = lengths[:, None] * (to_stage @ rigs.rotation_matrix(seen.rotation[index])).T
+        rows[:3, :3] = lengths[:, None] * (to_stage @ rigs.rotation_matrix(now[index])).T
         rows[3, :3] = to_stage @ positions[index]
         above = UsdGeom.XformCache(time).GetParentToWorldTransform(author.prim)
         matrix = Gf.Matrix4d(*rows.ravel().tolist()) * above.GetInverse()
