@@ -25,6 +25,7 @@ import numpy as np  # noqa: E402
 from dcc import blender_render, scene  # noqa: E402
 
 MATTE = "matte"
+ADDON = "bl_ext.user_default.asglight"
 
 
 def main(path: str) -> None:
@@ -44,7 +45,7 @@ def main(path: str) -> None:
             made.frame_set(math.floor(time), subframe=time - math.floor(time))
             pictures.append(balls(made, job["size"], job["seeds"]))
         np.savez(job["out"], version=bpy.app.version_string, balls=np.array(pictures))
-    bpy.ops.preferences.addon_disable(module="bl_ext.user_default.asglight")
+    bpy.ops.preferences.addon_disable(module=ADDON)
 
 
 def install(package: str) -> None:
@@ -53,7 +54,7 @@ def install(package: str) -> None:
     bpy.ops.extensions.package_install_files(
         filepath=package, repo="user_default", enable_on_install=True
     )
-    if "bl_ext.user_default.asglight" not in bpy.context.preferences.addons:
+    if ADDON not in bpy.context.preferences.addons:
         sys.exit(f"{package}: Blender did not switch it on")
 
 
