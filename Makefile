@@ -85,6 +85,9 @@ test-blender: setup setup-dcc blender-extension  ## shots of SEQUENCES in Blende
 	$(BIN)/python -m pytest tests/integrations -m 'blender or not slow'
 	$(BIN)/python -m dcc.moving.measure --sequences "$(SEQUENCES)" --zip $(EXTENSION) -o dcc-output/moving
 
+blender-pictures: setup setup-dcc blender-extension  ## a moving shot in Blender beside its HDRI (docs/images/blender-day.png)
+	$(BIN)/python -m dcc.moving.picture --sequences "$(SEQUENCES)" --zip $(EXTENSION) -o docs/images/blender-day.png
+
 test-dcc: setup setup-dcc test-blender  ## stages of SEQUENCES in Blender and Mitsuba: tables, JSON (dcc-output/)
 	$(BIN)/python -m dcc.measure --sequences "$(SEQUENCES)" -o dcc-output
 

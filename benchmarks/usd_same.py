@@ -9,6 +9,7 @@ digits of a number, so times and values are compared as it prints them; it leave
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pxr import Gf, Sdf, Usd
@@ -72,7 +73,7 @@ def same(attribute: Usd.Attribute, other: Usd.Attribute) -> bool:
     )
 
 
-def alike(value: object, other: object) -> bool:
+def alike(value: Any, other: Any) -> bool:
     """Tell whether two values are one, but for what printing rounds."""
     if isinstance(value, Sdf.AssetPath):
         return isinstance(other, Sdf.AssetPath) and value.path == other.path
@@ -86,7 +87,7 @@ def alike(value: object, other: object) -> bool:
     return np.allclose(*pair, rtol=SAME, atol=1e-9)
 
 
-def _numbers(value: object) -> list:
+def _numbers(value: Any) -> list[Any]:
     if isinstance(value, Gf.Quatf | Gf.Quatd | Gf.Quath):
         return [value.GetReal(), *value.GetImaginary()]
     return list(value) if hasattr(value, "__iter__") else [value]

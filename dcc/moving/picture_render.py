@@ -19,7 +19,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-CAMERA, TARGET = (0.0, -6.2, 1.9), (0.0, 0.0, 0.62)
+CAMERA, TARGET = (0.0, -5.6, 3.3), (0.0, 0.0, 0.5)
 """Where the camera stands and looks, in metres."""
 
 LENS = 50.0

@@ -64,6 +64,7 @@ def imported(job: dict) -> bpy.types.Scene:
     old = bpy.context.scene
     bpy.context.window.scene = made
     bpy.data.scenes.remove(old)
+    bpy.data.batch_remove([*bpy.data.images, *bpy.data.worlds])  # an import would take them again
     made.world = bpy.data.worlds.new("World")
     if job["way"] == "hook":
         done = bpy.ops.wm.usd_import(filepath=job["stage"])

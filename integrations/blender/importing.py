@@ -88,7 +88,7 @@ class ASGLIGHT_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blen
 
     def _import(self, context: bpy.types.Context) -> tuple[bpy.types.Object, reading.Warned]:
         path = str(Path(bpy.path.abspath(self.filepath)).resolve())
-        stage = Usd.Stage.Open(path)
+        stage = rigs.opened(path)
         prims = rigs.rig_prims(stage)
         if not prims:
             raise ValueError("no lobes of asglight; expected a stage that asglight wrote")

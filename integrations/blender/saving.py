@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
-from pxr import Tf, Usd
+from pxr import Tf
 
 from . import building, reading, worlds
 from .plain import rigs
@@ -72,7 +72,7 @@ def _rig(context: bpy.types.Context, name: str) -> bpy.types.Object:
 def seen_of(context: bpy.types.Context, rig: bpy.types.Object) -> View:
     """Return what a rig is at every frame of its stage, and at every sample between."""
     scene = context.scene
-    stage = Usd.Stage.Open(rig[building.STAGE])
+    stage = rigs.opened(rig[building.STAGE])
     prim = stage.GetPrimAtPath(rig[worlds.PRIM])
     if not prim:
         raise ValueError(f"{rig[building.STAGE]}: has no {rig[worlds.PRIM]}; import it again")

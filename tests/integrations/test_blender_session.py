@@ -86,6 +86,28 @@ def test_a_representation_that_is_not_there_is_refused(session: dict[str, Any]) 
     )
 
 
+def test_a_stage_that_is_none_of_ours_is_refused(session: dict[str, Any]) -> None:
+    assert "no lobes of asglight; expected a stage that asglight wrote" in session["other"]
+    assert "absent.usda" in session["absent"]
+
+
+def test_light_that_blender_cannot_show_is_told_of(session: dict[str, Any]) -> None:
+    told = session["warned"]
+    assert told[0].startswith(
+        "not taken over, no light that asglight writes: /AsgRig/Lobes/lobe_01"
+    )
+    assert "have a texture, which Blender's lights leave out" in told[1]
+    assert told[2] == (
+        "images of the dome are taken for Rec.709; Blender has no lin_adobergb_scene"
+    )
+    assert told[3] == "colours are taken for Rec.709; lin_ciexyzd65_scene is unknown here"
+
+
+def test_a_new_world_is_black_where_the_stage_has_no_dome(session: dict[str, Any]) -> None:
+    # no World; one made by hand; one of a new file; one that somebody chose stays
+    assert session["greys"] == [True, True, 0, True, 0, False, pytest.approx(0.2)]
+
+
 def test_edits_come_back_as_what_was_done(session: dict[str, Any]) -> None:
     assert session["unchanged"] == "CANCELLED"
     assert "is the stage itself; expected another name" in session["over"]
@@ -102,6 +124,13 @@ def test_a_world_is_fitted_where_it_is(session: dict[str, Any]) -> None:
     assert not session["no image"]
     assert "asglight: no such command" in session["no command"]
     assert "is a mirror ball; expected an equirectangular image" in session["ball"]
+    if "has no --keys" not in session["keys"]:
+        assert session["keys"] == "FINISHED"  # this asglight can
+    assert "is not on disk; save or unpack it first" in session["packed"]
+    assert "tilts or scales the World; expected a turn about Z alone" in session["tilted"]
+    assert "expected a Mapping of type Point, or none" in session["normal"]
+    assert "the World changes its image before it shines" in session["changed"]
+    assert "no folder" in session["failed"]  # the command's own line
     assert session["turn"] == pytest.approx(90.0)
     assert session["strength"] == pytest.approx(3.0)
     assert session["world after"] == "asglight fitted"

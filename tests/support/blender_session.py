@@ -28,6 +28,7 @@ def main() -> None:
     found["enabled"] = ADDON in bpy.context.preferences.addons
     found["handler"] = bpy.types.FileHandler.bl_rna_get_subclass_py("ASGLIGHT_FH_stage").__name__
     found |= importing()
+    found |= warnings()
     found |= saving()
     found |= fitting()
     (Path(FOLDER) / "session.json").write_text(json.dumps(found))
@@ -71,7 +72,37 @@ def importing() -> dict[str, object]:
     mine = next(one for one in lights if one.parent.name == "my sun")
     found["opened"] = mine.data.energy / energy
     found["refused"] = refused(bpy.ops.import_scene.asglight, STAGE, representation="dome")
+    other = Path(FOLDER) / "other.usda"
+    other.write_text('#usda 1.0\ndef RectLight "lamp" {}\n')
+    found["other"] = refused(bpy.ops.import_scene.asglight, str(other))
+    found["absent"] = refused(bpy.ops.import_scene.asglight, f"{FOLDER}/absent.usda")
     return found
+
+
+def warnings() -> dict[str, object]:
+    """Import what Blender cannot show as it is, and return what is said."""
+    from bl_ext.user_default.asglight import worlds
+    from bl_ext.user_default.asglight.plain.rigs import opened, read_rig, rig_prims
+    from bl_ext.user_default.asglight.reading import Warned
+
+    text = Path(STAGE).read_text()
+    text = text.replace('def RectLight "tall"', 'def SphereLight "tall"')
+    image = "asset inputs:texture:file = @a.exr@"
+    text = text.replace("bool inputs:normalize", f"{image}\nbool inputs:normalize")
+    warned = Warned()
+    path = Path(FOLDER) / "odd.usda"
+    for space in ("lin_adobergb_scene", "lin_ciexyzd65_scene"):
+        path.write_text(text.replace("lin_rec709_scene", space))
+        stage = opened(str(path))
+        warned.about(read_rig(rig_prims(stage)[0]))
+    scene = bpy.data.scenes.new("greys")
+    greys = [worlds.show_nothing_grey(scene)]
+    for colour in (0.05, 0.0509, 0.2):
+        scene.world = bpy.data.worlds.new("grey")
+        scene.world.color = (colour, colour, colour)
+        greys += [worlds.show_nothing_grey(scene), scene.world.color[0]]
+    bpy.data.scenes.remove(scene)
+    return {"warned": warned.lines, "greys": greys}
 
 
 def saving() -> dict[str, object]:
@@ -107,6 +138,24 @@ def fitting() -> dict[str, object]:
     image.projection = "MIRROR_BALL"
     found["ball"] = refused(bpy.ops.asglight.fit_world, stage)
     image.projection = "EQUIRECTANGULAR"
+    found["keys"] = refused(bpy.ops.asglight.fit_world, stage, keys="auto")
+    image.image.pack()
+    found["packed"] = refused(bpy.ops.asglight.fit_world, stage)
+    image.image.unpack(method="REMOVE")
+    image.image = bpy.data.images.load(IMAGE)
+    mapping = tree.nodes.new("ShaderNodeMapping")
+    tree.links.new(mapping.outputs[0], image.inputs["Vector"])
+    mapping.inputs["Rotation"].default_value = (0.1, 0, 0)
+    found["tilted"] = refused(bpy.ops.asglight.fit_world, stage)
+    mapping.vector_type = "NORMAL"
+    found["normal"] = refused(bpy.ops.asglight.fit_world, stage)
+    tree.nodes.remove(mapping)
+    gamma = tree.nodes.new("ShaderNodeGamma")
+    tree.links.new(image.outputs[0], gamma.inputs[0])
+    tree.links.new(gamma.outputs[0], background.inputs[0])
+    found["changed"] = refused(bpy.ops.asglight.fit_world, stage)
+    tree.links.new(image.outputs[0], background.inputs[0])
+    found["failed"] = refused(bpy.ops.asglight.fit_world, f"{FOLDER}/no folder/fitted.usda")
     bpy.ops.asglight.fit_world(filepath=stage)
     rig = next(one for one in scene.objects if one.get("asglight_stage") == stage)
     found["turn"] = math.degrees(rig.rotation_euler.z)

@@ -97,7 +97,7 @@ def write_edits(source: Path, target: Path, rig_path: str, view: View) -> list[s
     """
     if target.exists() and target.samefile(source):
         raise ValueError(f"{target}: is the stage itself; expected another name")
-    stage = Usd.Stage.Open(str(source))
+    stage = rigs.opened(str(source))
     stage.SetEditTarget(stage.GetSessionLayer())
     prim = stage.GetPrimAtPath(rig_path)
     if not prim:

@@ -119,6 +119,13 @@ class Rig:
     representation: str
 
 
+def opened(path: str) -> Usd.Stage:
+    """Open a stage as it is on disk now, whatever of it is in memory."""
+    stage = Usd.Stage.Open(path)
+    stage.Reload()
+    return stage
+
+
 def rig_prims(stage: Usd.Stage) -> list[Usd.Prim]:
     """Return the rigs of a stage: prims with asglight's data and lobes below them."""
     found = []
