@@ -18,7 +18,7 @@ import numpy as np
 
 from .animation import animate, clear, drive
 from .lamps import POWER, TYPES, hide, show
-from .plain.rigs import Lamp, Place, Rig, quaternion, rotation_matrix
+from .plain.rigs import Lamp, Place, Rig, quaternions, rotation_matrix
 from .plain.tracks import Array, Track, in_one_hemisphere, reduced
 from .worlds import PRIM, show_domes
 
@@ -214,8 +214,8 @@ def _place(light: bpy.types.Object, lamp: Lamp, group: Place, rig: Place, wishes
     ):
         back = rotation_matrix(lobes / np.linalg.norm(lobes)).T
         position.append(wishes.scale * back @ offset)
-        turn.append(quaternion(back @ rotation_matrix(mine / np.linalg.norm(mine))))
-    turns = in_one_hemisphere(np.array(turn))
+        turn.append(back @ rotation_matrix(mine / np.linalg.norm(mine)))
+    turns = in_one_hemisphere(quaternions(np.array(turn)))
     animate(light, "location", _still(times, np.array(position)), wishes.frames)
     animate(light, "rotation_quaternion", _still(times, turns), wishes.frames)
 

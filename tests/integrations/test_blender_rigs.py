@@ -123,7 +123,7 @@ def test_exposure_normalising_and_visibility_count(stage: Path) -> None:
 def test_a_mirrored_card_is_seen_where_it_stands() -> None:
     turn = Rotation.from_rotvec([0.3, -1.0, 0.2]).as_matrix()
     mirrored = turn @ np.diag([-1.0, 1.0, 1.0])
-    found = rigs.rotation_matrix(rigs.quaternion(mirrored).tolist())
+    found = rigs.rotation_matrix(rigs.quaternions(mirrored[None])[0].tolist())
     np.testing.assert_allclose(found, turn, atol=1e-12)  # the same card, mirrored in its x
 
 

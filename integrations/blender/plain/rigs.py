@@ -253,23 +253,28 @@ class _Reader:
         """Return where a prim is; between its samples there are more where it turns far."""
         chain = [one for one in _ancestry(prim) if one.IsA(UsdGeom.Xformable)]
         times = sorted({t for one in chain for t in UsdGeom.Xformable(one).GetTimeSamples()})
-        times = times or [0.0]
-        found = [self._parts(prim, time) for time in times]
-        quaternions = np.array([turn for _, turn, _ in found])
-        times = sorted({*times, *times_between(np.array(times), quaternions)})
-        found = [self._parts(prim, time) for time in times]
-        positions, quaternions, scales = (np.array(part) for part in zip(*found, strict=True))
-        when = np.array(times)
-        turns = in_one_hemisphere(quaternions)
-        return Place(*(reduced(Track(when, part)) for part in (positions, turns, scales)))
+        when = np.array(times or [0.0])
+        rows = self._rows(prim, when)
+        more = np.array(times_between(when, self._parts(rows)[1]))
+        if len(more):
+            when = np.concatenate([when, more])
+            order = np.argsort(when, kind="stable")
+            when, rows = when[order], np.concatenate([rows, self._rows(prim, more)])[order]
+        position, turns, scale = self._parts(rows)
+        parts = (position, in_one_hemisphere(turns), scale)
+        return Place(*(reduced(Track(when, part)) for part in parts))
 
-    def _parts(self, prim: Usd.Prim, time: float) -> tuple[Array, Array, Array]:
-        """Return position, rotation and scale at a time.  [3], [4], [3]."""
-        world = UsdGeom.XformCache(time).GetLocalToWorldTransform(prim)
-        rows = np.array(world)
-        scale = np.linalg.norm(rows[:3, :3], axis=1)
-        axes = self.axes @ (rows[:3, :3] / np.maximum(scale, np.finfo(float).tiny)[:, None]).T
-        return self.axes @ rows[3, :3], quaternion(axes), scale
+    def _rows(self, prim: Usd.Prim, times: Array) -> Array:
+        """Return the matrices from a prim to the stage, for row vectors.  [T] to [T, 4, 4]."""
+        caches = (UsdGeom.XformCache(time) for time in times.tolist())
+        return np.array([cache.GetLocalToWorldTransform(prim) for cache in caches])
+
+    def _parts(self, rows: Array) -> tuple[Array, Array, Array]:
+        """Return positions, rotations and scales of matrices.  [T, 3], [T, 4], [T, 3]."""
+        scale = np.linalg.norm(rows[:, :3, :3], axis=-1)
+        unit = rows[:, :3, :3] / np.maximum(scale, np.finfo(float).tiny)[..., None]
+        axes = self.axes @ np.swapaxes(unit, -1, -2)
+        return rows[:, 3, :3] @ self.axes.T, quaternions(axes), scale
 
     def _colour(self, prim: Usd.Prim) -> Track:
         names = ("inputs:color", "inputs:colorTemperature")
@@ -285,18 +290,21 @@ class _Reader:
         return track(_times(prim, names if warmed else names[:1]), colour)
 
 
-def quaternion(axes: Array) -> Array:
-    """Return the rotation nearest to some axes, w first.
+def quaternions(axes: Array) -> Array:
+    """Return the rotations nearest to some axes, w first.
 
     Args:
-        axes: For column vectors; a mirrored frame becomes one turned about its x.  [3, 3]
+        axes: For column vectors; a mirrored frame becomes one without, as mirroring a light in its
+            x changes nothing.  [T, 3, 3]
+
+    Returns:
+        [T, 4]
     """
     left, _, right = np.linalg.svd(axes)
-    turn = left @ right
-    if np.linalg.det(turn) < 0:  # a light is the same mirrored in its x
-        turn = turn @ np.diag([-1.0, 1.0, 1.0])
-    found = Gf.Matrix3d(*turn.T.ravel().tolist()).ExtractRotation().GetQuat()
-    return np.array([found.GetReal(), *found.GetImaginary()])
+    turns = left @ right
+    turns[:, :, 0] *= np.linalg.det(turns)[:, None]
+    found = [Gf.Matrix3d(*turn.T.ravel().tolist()).ExtractRotation().GetQuat() for turn in turns]
+    return np.array([[one.GetReal(), *one.GetImaginary()] for one in found])
 
 
 def rotation_matrix(turn: Sequence[float]) -> Array:
