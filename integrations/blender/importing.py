@@ -6,7 +6,7 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
-from pxr import Tf, Usd, UsdGeom
+from pxr import Usd, UsdGeom
 
 from . import building, reading, worlds
 from .building import Wishes
@@ -77,7 +77,7 @@ class ASGLIGHT_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blen
         """Import the stage."""
         try:
             rig, warned = self._import(context)
-        except (OSError, ValueError, Tf.ErrorException) as error:
+        except (OSError, ValueError) as error:
             self.report({"ERROR"}, f"{self.filepath}: {error}")
             return {"CANCELLED"}
         for line in warned.lines:

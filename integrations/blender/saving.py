@@ -9,7 +9,6 @@ import bpy
 import numpy as np
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
-from pxr import Tf
 
 from . import building, reading, worlds
 from .plain import rigs
@@ -46,8 +45,8 @@ class ASGLIGHT_OT_save_edits(bpy.types.Operator, ExportHelper):  # noqa: N801 - 
         try:
             view = seen_of(context, rig)
             words = write_edits(source, target, rig[worlds.PRIM], view)
-        except (OSError, ValueError, Tf.ErrorException) as error:
-            self.report({"ERROR"}, str(error))
+        except (OSError, ValueError) as error:
+            self.report({"ERROR"}, f"{source}: {error}")
             return {"CANCELLED"}
         if not words:
             self.report({"WARNING"}, f"{rig.name}: nothing differs from the stage; nothing written")
@@ -75,7 +74,7 @@ def seen_of(context: bpy.types.Context, rig: bpy.types.Object) -> View:
     stage = rigs.opened(rig[building.STAGE])
     prim = stage.GetPrimAtPath(rig[worlds.PRIM])
     if not prim:
-        raise ValueError(f"{rig[building.STAGE]}: has no {rig[worlds.PRIM]}; import it again")
+        raise ValueError(f"has no {rig[worlds.PRIM]} any more; import it again")
     representation = str(rig[building.REPRESENTATION])
     if prim.GetVariantSets().HasVariantSet(rigs.VARIANT_SET):
         stage.SetEditTarget(stage.GetSessionLayer())

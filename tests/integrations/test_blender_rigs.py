@@ -238,3 +238,11 @@ def test_the_stage_itself_is_never_written(stage: Path) -> None:
     with pytest.raises(ValueError, match="has no /Other any more; import it again"):
         edits.write_edits(stage, stage.with_name("e.usda"), "/Other", view_of(read(stage)))
     assert stage.read_bytes() == before
+
+
+def test_a_file_that_is_no_stage_is_refused_in_a_line(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"^no such file; expected a stage that asglight wrote$"):
+        rigs.opened(str(tmp_path / "absent.usda"))
+    (tmp_path / "torn.usda").write_text("#usda 1.0\ndef Xform {")
+    with pytest.raises(ValueError, match=r"^is damaged, or no stage; USD cannot open it$"):
+        rigs.opened(str(tmp_path / "torn.usda"))

@@ -88,7 +88,7 @@ def test_a_representation_that_is_not_there_is_refused(session: dict[str, Any]) 
 
 def test_a_stage_that_is_none_of_ours_is_refused(session: dict[str, Any]) -> None:
     assert "no lobes of asglight; expected a stage that asglight wrote" in session["other"]
-    assert "absent.usda" in session["absent"]
+    assert "absent.usda: no such file; expected a stage" in session["absent"]
 
 
 def test_light_that_blender_cannot_show_is_told_of(session: dict[str, Any]) -> None:

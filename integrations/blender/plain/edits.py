@@ -96,12 +96,12 @@ def write_edits(source: Path, target: Path, rig_path: str, view: View) -> list[s
         ValueError: The target is the stage, or the stage no longer holds the rig.
     """
     if target.exists() and target.samefile(source):
-        raise ValueError(f"{target}: is the stage itself; expected another name")
+        raise ValueError("is the stage itself; expected another name for the layer")
     stage = rigs.opened(str(source))
     stage.SetEditTarget(stage.GetSessionLayer())
     prim = stage.GetPrimAtPath(rig_path)
     if not prim:
-        raise ValueError(f"{source}: has no {rig_path} any more; import it again")
+        raise ValueError(f"has no {rig_path} any more; import it again")
     variants = prim.GetVariantSets()
     has_variants = variants.HasVariantSet(rigs.VARIANT_SET)
     if has_variants:

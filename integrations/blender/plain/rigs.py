@@ -8,10 +8,11 @@ Colours are linear, in the space asked for. What a light sends is what UsdLux de
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom, UsdLux
+from pxr import Gf, Tf, Usd, UsdGeom, UsdLux
 
 from . import colours
 from .tracks import Array, Track, in_one_hemisphere, reduced, times_between, track
@@ -120,9 +121,18 @@ class Rig:
 
 
 def opened(path: str) -> Usd.Stage:
-    """Open a stage as it is on disk now, whatever of it is in memory."""
-    stage = Usd.Stage.Open(path)
-    stage.Reload()
+    """Open a stage as it is on disk now, whatever of it is in memory.
+
+    Raises:
+        ValueError: There is none that USD can open.
+    """
+    if not Path(path).is_file():
+        raise ValueError("no such file; expected a stage that asglight wrote")
+    try:
+        stage = Usd.Stage.Open(path)
+        stage.Reload()
+    except Tf.ErrorException as error:
+        raise ValueError("is damaged, or no stage; USD cannot open it") from error
     return stage
 
 
