@@ -19,10 +19,13 @@ from torch import Tensor
 
 from asglight.cli.parser import one_line
 from asglight.errors import InputError
-from asglight.fitting import compiled, light, lobe_images, newton, objective, seeding
-from asglight.fitting.first_frame import exposed
+from asglight.fitting import compiled
+from asglight.fitting.first_frame import seeding
+from asglight.fitting.first_frame.fit import exposed
+from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
+from asglight.fitting.steps import light, newton
 from asglight.images.sequence import open_sequence
 from asglight.lobes import Form, Lobes
 from asglight.threads import one_thread

@@ -26,8 +26,8 @@ import torch
 from asglight.cli.parser import Parser, one_line
 from asglight.cli.progress import reporter
 from asglight.errors import InputError
-from asglight.fitting import paper
 from asglight.fitting.options import FIT_HEIGHT
+from asglight.fitting.paper import fit as paper
 from asglight.images import open_sequence
 from asglight.images import sequence as image_sequence
 from asglight.images.message import listing, shown

@@ -12,8 +12,8 @@ from typing import Any
 from torch import Tensor
 
 from asglight.cli.progress import Reporter
-from asglight.fitting import paper
 from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.paper import fit as paper
 from asglight.fitting.sequence import REFINEMENT
 from asglight.images import sequence as image_sequence
 from asglight.judging.clock import Clock, Point

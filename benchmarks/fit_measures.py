@@ -16,8 +16,10 @@ from torch import Tensor
 
 from asglight.cli.progress import Reporter
 from asglight.errors import InputError
-from asglight.fitting import first_frame, paper, paper_losses
+from asglight.fitting.first_frame import fit as first_frame
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
+from asglight.fitting.paper import fit as paper
+from asglight.fitting.paper import losses as paper_losses
 from asglight.fitting.sequence import fit_frame
 from asglight.images import read_latlong
 from asglight.images.message import shown

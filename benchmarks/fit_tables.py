@@ -9,7 +9,7 @@ import fit_following
 import fit_measures
 
 from asglight.cli.printing import duration
-from asglight.fitting import paper
+from asglight.fitting.paper import fit as paper
 from asglight.judging.following import JUMP_DEG, JUMP_SHARE
 
 DIGITS = {"env": 3, "irr": 4, "irrMax": 4, "r0.5": 4, "r0.25": 3, "flux": 5}

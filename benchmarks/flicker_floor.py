@@ -18,9 +18,10 @@ import torch
 from given import add_sequence, frames_given
 from torch import Tensor
 
-from asglight.fitting import lobe_images, newton, objective
-from asglight.fitting.first_frame import Exposed, exposed, narrowest, on_fine_leaves
+from asglight.fitting.first_frame.fit import Exposed, exposed, narrowest, on_fine_leaves
+from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.options import LOBES, FitOptions, Preset
+from asglight.fitting.steps import newton
 from asglight.judging.following import follow
 from asglight.judging.metrics import SequenceErrors, frame_errors, sequence_errors
 from asglight.lobes import Lobes

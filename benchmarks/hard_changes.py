@@ -17,9 +17,9 @@ from given import maps_given
 from shots_turned import Shot, measured
 from torch import Tensor
 
-from asglight.fitting import measures
+from asglight.fitting.loss import measures
 from asglight.fitting.options import LOBES, FitOptions, Preset
-from asglight.judging.following import follow, jumps, matched
+from asglight.judging.following import follow
 from asglight.sphere import latlong
 
 ROWS = 128
@@ -148,10 +148,10 @@ def _afresh(maps: list[Tensor]) -> Shot:
     found, _ = follow(maps, FitOptions(LOBES), fresh=True)
     errors = [measures.errors(*pair) for pair in zip(found, map(measures.shown, maps), strict=True)]
     irr, rough = ([each[of] for each in errors] for of in ("irr", "r0.5"))
-    return Shot(irr, rough, math.nan, jumps(matched(found)), math.nan)
+    return Shot(irr, rough, math.nan, math.nan)
 
 
-HEAD = "| change | fit | irr | r0.5 | worst r0.5 | jumps a frame |\n|---|---|" + "--:|" * 4
+HEAD = "| change | fit | irr | r0.5 | worst r0.5 |\n|---|---|" + "--:|" * 3
 
 
 def row(name: str, fit: str, found: list[Shot]) -> str:
@@ -164,11 +164,7 @@ def row(name: str, fit: str, found: list[Shot]) -> str:
     """
     irr = statistics.fmean(error for shot in found for error in shot.irr)
     rough = [error for shot in found for error in shot.rough]
-    jumped = sum(shot.jumps for shot in found) / sum(len(shot.rough) - 1 for shot in found)
-    return (
-        f"| {name} | {fit} | {irr:.4f} | {statistics.fmean(rough):.4f} | {max(rough):.3f} "
-        f"| {jumped:.1f} |"
-    )
+    return f"| {name} | {fit} | {irr:.4f} | {statistics.fmean(rough):.4f} | {max(rough):.3f} |"
 
 
 if __name__ == "__main__":

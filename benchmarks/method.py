@@ -22,9 +22,9 @@ import torch
 from torch import Tensor
 
 from asglight.cli.progress import Reporter, reporter
-from asglight.fitting import paper
 from asglight.fitting.options import FIT_HEIGHT, LOBES, FitOptions
-from asglight.fitting.paper_losses import Loss
+from asglight.fitting.paper import fit as paper
+from asglight.fitting.paper.losses import Loss
 from asglight.fitting.sequence import fit_frame
 from asglight.images import read_latlong
 from asglight.judging import methods

@@ -17,10 +17,11 @@ import torch
 from given import maps_given
 from torch import Tensor
 
-from asglight.fitting import light, lobe_images, objective
-from asglight.fitting.condition import LIMIT, trades
+from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import fit_frame
+from asglight.fitting.steps import light
+from asglight.fitting.steps.condition import LIMIT, trades
 from asglight.lobes import asg
 
 NO_RIDGE = 1e-6 * light.RIDGE

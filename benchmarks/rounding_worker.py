@@ -81,8 +81,9 @@ def look(own: Arrays, device: str) -> Arrays:
         `J`; `slope` [8 N] and `matrix` [8 N, 8 N], both of J at sharper lobes; `shown`, the means
         over the cells of J's grid [3, C]; `cells`, those that are refined [R]; `irr`; `r0.5`.
     """
-    from asglight.fitting import leaves, lobe_images, newton, objective
-    from asglight.fitting.first_frame import exposed
+    from asglight.fitting.first_frame.fit import exposed
+    from asglight.fitting.loss import leaves, lobe_images, objective
+    from asglight.fitting.steps import newton
     from asglight.judging.metrics import frame_errors
     from asglight.lobes import Form, Lobes
 

@@ -17,8 +17,8 @@ import torch
 from given import maps_given
 from torch import Tensor
 
-from asglight.fitting import first_frame
-from asglight.fitting.first_frame import BEST, FAST, Effort, Level, soft_to_sharp
+from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.first_frame.fit import BEST, FAST, Effort, Level, soft_to_sharp
 from asglight.fitting.options import LOBES
 from asglight.judging.clock import Clock
 from asglight.judging.metrics import frame_errors

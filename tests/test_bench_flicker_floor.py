@@ -8,8 +8,8 @@ import torch
 from bench_scripts import script
 from lobe_cases import sky_and_sun
 
-from asglight.fitting import lobe_images
-from asglight.fitting.first_frame import exposed, on_fine_leaves
+from asglight.fitting.first_frame.fit import exposed, on_fine_leaves
+from asglight.fitting.loss import lobe_images
 from asglight.fitting.options import FitOptions
 from asglight.images import write_exr
 from asglight.judging.following import follow

@@ -15,7 +15,7 @@ from lobe_cases import sky_and_sun
 from PIL import Image
 
 from asglight.cli.progress import Lines
-from asglight.fitting.paper_losses import Loss
+from asglight.fitting.paper.losses import Loss
 from asglight.images import write_exr
 from asglight.judging.bench_plan import Effort, plan_of
 from asglight.judging.metrics import METRIC_NAMES

@@ -9,7 +9,7 @@ import torch
 from bench_scripts import script
 from lobe_cases import sky_and_sun
 
-from asglight.fitting.first_frame import FAST, Effort
+from asglight.fitting.first_frame.fit import FAST, Effort
 from asglight.images import write_exr
 from asglight.judging.metrics import frame_errors
 

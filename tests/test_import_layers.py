@@ -21,10 +21,12 @@ ALLOWED = {
     "sky": {"sphere", "images"},
     "judging": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers"},
     "shots": {"sphere", "lobes", "fitting", "images", "usd"},
+    "arrays": {"sphere", "lobes", "shading", "fitting", "images", "judging", "shots"},
     "export": {"lobes", "shading", "images"},
     "viewer": {"sphere", "lobes", "shading", "usd", "images"},
+    "page": {"sphere", "lobes", "shading", "images", "judging", "viewer"},
     "cli": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers", "judging", "sky"}
-    | {"shots", "export", "viewer"},
+    | {"shots", "arrays", "export", "viewer", "page"},
 }
 """Every room may also import asglight.errors, asglight.shader_files, asglight.threads,
 asglight.c_library, and asglight itself (for its version)."""

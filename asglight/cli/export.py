@@ -4,21 +4,31 @@
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from asglight.cli.frames import chosen_frames, warn_of_unread
-from asglight.cli.parser import add_follow_option, add_rig_option
+from asglight.cli.inputs import lit
+from asglight.cli.parser import add_follow_option, add_reading_options, add_rig_option
 from asglight.cli.printing import counted, frame_range, size
+from asglight.cli.progress import reporter
+from asglight.cli.reading import given, read_options
 from asglight.errors import InputError
 from asglight.export import SgLayout
 from asglight.images.message import shown
 from asglight.lobes import Form, Lobes, LobeTracks
 from asglight.usd.options import Representation
 
+if TYPE_CHECKING:
+    from asglight.images import Sequence
+
 EXAMPLE = (
     "asglight export shot.usda --to glsl --frame 1001 -o environment.glsl\n"
     "         asglight export shot.usda --to physg --frame 1001 -o lights.npy\n"
+    "         asglight export shot.usda --to html --reference sky.####.exr -o shot.html\n"
     "         asglight export shot.usda --to dome"
 )
+
+HTML = "html"
 
 _OTHER_FILES = (".usd", ".usda", ".usdc", ".usdz", ".exr", ".hdr", ".f32")
 """Suffixes of what is surely meant to be kept: stages, images, blocks of frames."""
@@ -30,10 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("stage", metavar="STAGE", help="a stage that asglight has written")
     formats = (
         "json: lobe tracks as data; glsl: functions that shade with the lobes, as an include; "
+        "html: a page that needs nothing else, with balls, map and timeline; "
         "physg, nerd: the .npy array of spherical Gaussians that the program reads, [N, 7] of one "
         "frame, [F, N, 7] of several; cards, distant, dome: the stage with this representation too"
     )
-    kinds = ("json", "glsl", *map(str, SgLayout), *map(str, Representation))
+    kinds = ("json", "glsl", HTML, *map(str, SgLayout), *map(str, Representation))
     add("--to", required=True, choices=kinds, help=formats)
     target = "file to write; of a representation a stage (default: STAGE itself)"
     add("-o", "--output", type=Path, metavar="FILE", help=target)
@@ -42,6 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "constants, of several as a uniform block that FILE with the suffix .f32 fills"
     )
     add("--frames", "--frame", metavar="RANGE", help=frames)
+    reference = "images that the page of html shows beside the lobes, with the errors"
+    add("--reference", metavar="INPUT", help=reference)
+    add_reading_options(parser)
     add_rig_option(parser)
     add_follow_option(parser)
 
@@ -54,6 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"output: none for {arguments.to}; expected a file. Add -o FILE.")
     output: Path = arguments.output
     _check_output(output, arguments.to)
+    _check_reference(arguments)
     from asglight.export import write_glsl, write_json, write_sg_array
     from asglight.usd import read_stage
 
@@ -65,6 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
         write_json(output, tracks, tracks.names)
     elif arguments.to == "glsl":
         files = write_glsl(output, tracks)
+    elif arguments.to == HTML:
+        _write_page(arguments, tracks)
     else:
         written = write_sg_array(output, tracks, SgLayout(arguments.to))
     numbers = tracks.frames
@@ -80,6 +97,49 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _check_reference(arguments: argparse.Namespace) -> None:
+    """Refuse options of a reference where there is none."""
+    asked = {"--reference": arguments.reference} if arguments.to != HTML else {}
+    asked |= given(read_options(arguments)) if arguments.reference is None else {}
+    for option, value in asked.items():
+        if value is not None:
+            needed = "--to html" if option == "--reference" else "--reference"
+            raise InputError(f"{option}: {shown(value)} without {needed}; expected both, or none.")
+
+
+def _write_page(arguments: argparse.Namespace, tracks: LobeTracks) -> None:
+    """Write a page, with its reference where one was asked for."""
+    from asglight.page.html import page_balls, write_page
+    from asglight.page.reference import reference_of
+
+    reference = None
+    if arguments.reference is not None:
+        sequence = _reference(arguments, tracks)
+        with reporter() as report:
+            maps = (lit(sequence, frame) for frame in tracks.frames)
+            followed = report.follow(maps, "reference", len(tracks.frames))
+            name = shown(Path(sequence.pattern).name)
+            reference = reference_of(name, followed, tracks, page_balls())
+    write_page(arguments.output, tracks, shown(Path(arguments.stage).name), reference)
+
+
+def _reference(arguments: argparse.Namespace, tracks: LobeTracks) -> "Sequence":
+    """Find the images of the frames of a stage.
+
+    Raises:
+        InputError: Some are missing.
+    """
+    from asglight.fitting.options import FIT_HEIGHT
+    from asglight.images import open_sequence
+
+    return open_sequence(
+        arguments.reference,
+        frames=frame_range(tracks.frames),
+        height=FIT_HEIGHT,
+        reading=read_options(arguments),
+    )
+
+
 def _represent(arguments: argparse.Namespace) -> int:
     """Write a stage with one more representation and say what it holds."""
     if arguments.frames is not None:
@@ -88,11 +148,11 @@ def _represent(arguments: argparse.Namespace) -> int:
             "expected none."
         )
     from asglight.usd import add_representations
-    from asglight.usd.read.read_options import read_options
+    from asglight.usd.read.read_options import read_options as stage_options
 
     report = add_representations(arguments.stage, [arguments.to], arguments.output)
     target = report.files[0]
-    held = ", ".join(read_options(target).representations)
+    held = ", ".join(stage_options(target).representations)
     count = counted(len(report.files) - 1, "image")
     print(f"{shown(target)}: {held}; {count}, {size(report.bytes)}")
     return 0

@@ -16,8 +16,8 @@ from asglight.cli.printing import print_json
 from asglight.cli.progress import Reporter, reporter
 from asglight.cli.reading import given, read_options
 from asglight.errors import InputError
-from asglight.fitting import paper
 from asglight.fitting.options import LOBES
+from asglight.fitting.paper import fit as paper
 from asglight.judging.paper_figures import LOBE_COUNTS, ROWS, STARTS, STEPS, Plan
 
 if TYPE_CHECKING:

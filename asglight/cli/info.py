@@ -26,6 +26,9 @@ from asglight.lobes import LobeTracks, asg
 
 EXAMPLE = "asglight info sky.usda\n         asglight info sky.####.exr"
 
+RESAMPLED = "resampled"
+"""Key of the metadata: what a shot was resampled from, a row each time."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `info`."""
@@ -142,6 +145,7 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
     lines += left_out_lines(metadata)
     lines += condition_lines(document["ill_conditioned"])
     lines += part_lines(metadata.get("parts", []))
+    lines += resampled_lines(metadata.get(RESAMPLED, []))
     image = metadata.get("image")
     lines += [] if image is None else [image_line(image), *warning_lines(image)]
     lines += [repair_line(metadata["repairs"])] if "repairs" in metadata else []
@@ -165,6 +169,18 @@ def part_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:
         )
         repaired = repair_line(part["repairs"]) if "repairs" in part else ""
         lines += [f"part {part['name']}: {repaired}"] if repaired else []
+    return lines
+
+
+def resampled_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return one line for each time that a shot was resampled, and one where it was repaired."""
+    lines = []
+    for row in rows:
+        first, last = row["frames"]
+        speed = "" if row["speed"] == 1 else f", at {row['speed']:g} times the speed"
+        lines.append(f"resampled: {first}-{last} of {row['source']} at {row['fps']:g} fps{speed}")
+        repaired = repair_line(row["repairs"]) if "repairs" in row else ""
+        lines += [f"before, {repaired}"] if repaired else []
     return lines
 
 

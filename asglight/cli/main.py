@@ -25,7 +25,9 @@ from asglight.errors import InputError
 
 COMMANDS = {
     "fit": "fit lobes to an image or sequence and write them as USD lights",
+    "follow": "fit a live feed and print the lobes of each frame as a line of JSON",
     "stitch": "join stages of parts of a shot that were fitted apart",
+    "resample": "write the light of a stage at another frame rate or speed",
     "eval": "measure the error of a stage against the images it was fitted to",
     "info": "show what a stage holds, or what is read of images",
     "export": "write lobes for engines (JSON, GLSL) or PhySG and NeRD",

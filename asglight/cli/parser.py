@@ -36,6 +36,11 @@ def add_input_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frames", metavar="RANGE", help="frames, such as 1001-1048 or 1001-1048x2 (default: all)"
     )
+    add_reading_options(parser)
+
+
+def add_reading_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that choose layer and colours of images, and what of them may be lost."""
     parser.add_argument(
         "--layer",
         metavar="NAME",

@@ -65,8 +65,13 @@ def part_files(words: Sequence[str]) -> list[str]:
     return list(files)
 
 
-def check_apart(output: str, files: Sequence[str]) -> None:
+def check_apart(output: str, files: Sequence[str], kind: str = "the part ") -> None:
     """Check that writing the shot leaves every part as it is, the images of its dome as well.
+
+    Args:
+        output: The stage to write.
+        files: Stages that stay.
+        kind: What to call those in a message, with a blank after it.
 
     Raises:
         InputError: The output is a part, or has the dome folder of one.
@@ -75,7 +80,7 @@ def check_apart(output: str, files: Sequence[str]) -> None:
         # folders of domes are named after stems: a.usda and a.usdc share theirs
         if _stem(output) == _stem(file):
             raise InputError(
-                f"{shown(output)}: would overwrite the part {shown(file)} or the images of its "
+                f"{shown(output)}: would overwrite {kind}{shown(file)} or the images of its "
                 "dome; expected a name of its own. Choose another output."
             )
 

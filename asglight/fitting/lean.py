@@ -25,11 +25,11 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from asglight.fitting import lobe_images
-from asglight.fitting.coordinates import BROAD
-from asglight.fitting.leaves import BASE_ROWS
-from asglight.fitting.measures import even_cells
-from asglight.fitting.probes import PROBES, probe, shares, split
+from asglight.fitting.loss import lobe_images
+from asglight.fitting.loss.coordinates import BROAD
+from asglight.fitting.loss.leaves import BASE_ROWS
+from asglight.fitting.loss.measures import even_cells
+from asglight.fitting.loss.probes import PROBES, probe, shares, split
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import orthonormal, parallel_transport
 from asglight.threads import side_by_side

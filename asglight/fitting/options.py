@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Self
 
-from asglight.fitting import paper
+from asglight.fitting.paper import fit as paper
 from asglight.lobes import Form
 
 FIT_HEIGHT = 256

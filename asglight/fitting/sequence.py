@@ -8,10 +8,14 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import first_frame, following, paper, paper_losses, slots, whole_shot
-from asglight.fitting.first_frame import FrameFit, fit_first_frame, mean_radiance
-from asglight.fitting.following import fit_next_frame
+from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.first_frame.fit import FrameFit, fit_first_frame, mean_radiance
+from asglight.fitting.following import next_frame as following
+from asglight.fitting.following import slots, whole_shot
+from asglight.fitting.following.next_frame import fit_next_frame
 from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.paper import fit as paper
+from asglight.fitting.paper import losses as paper_losses
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import canonical
 from asglight.threads import one_thread
@@ -71,6 +75,48 @@ def fit_frame(
             settings = _SETTINGS[options.preset]
             fit = fit_next_frame(reference, previous, earlier, settings, threads, options.count)
     return replace(fit, lobes=fit.lobes.clone())  # a tensor of inference mode cannot be changed
+
+
+class Following:
+    """Fits frames one after the other, each from the two before it that differ.
+
+    Nothing is looked ahead for: what a frame comes to depends on it and on those before.
+
+    Attributes:
+        last: The newest fit; None before the first frame.
+    """
+
+    def __init__(self, options: FitOptions) -> None:
+        """Begin before the first frame.
+
+        Args:
+            options: Settings, as `FitOptions.settled` returns them.
+        """
+        self.last: FrameFit | None = None
+        self._options = options
+        self._before: list[Lobes] = []
+        self._seen: Tensor | None = None
+
+    def take(self, radiance: Tensor) -> bool:
+        """Fit the next frame; one with the pixels of the one before keeps its fit.
+
+        The `paper` preset fits every frame, as published.
+
+        Args:
+            radiance: Repaired.  [H, 2 H, 3]
+
+        Returns:
+            Whether it was fitted.
+        """
+        may_repeat = self._options.preset is not Preset.PAPER
+        if may_repeat and self._seen is not None and torch.equal(radiance, self._seen):
+            return False
+        earlier = self._before[-2] if len(self._before) > 1 else None
+        previous = self._before[-1] if self._before else None
+        self.last = fit_frame(radiance, self._options, previous, earlier)
+        self._before = [*self._before[-1:], self.last.lobes]
+        self._seen = radiance
+        return True
 
 
 def _paper_frame(

@@ -42,6 +42,10 @@ _SUBFRAME = r"(-?\d+)\.\d+"
 """Between base and extension: `1001.5`."""
 
 
+class NothingThereError(InputError):
+    """No file of a source is there, or not yet."""
+
+
 @dataclass(frozen=True)
 class FrameFiles:
     """The files of one source.
@@ -163,7 +167,7 @@ def _in_folder(folder: Path) -> FrameFiles:
     groups = _groups(folder)
     if not groups:
         others = listing(sorted(entry.name for entry in os.scandir(folder))) or "nothing"
-        raise InputError(
+        raise NothingThereError(
             f"{shown(folder)}: holds no image ({others}); expected one .exr or .hdr image or "
             "sequence. Is it in a folder below?"
         )
@@ -324,7 +328,7 @@ def _nothing(path: Path, found: str) -> InputError:
         )
     titles = _titles(_groups(path.parent))
     nearest = difflib.get_close_matches(path.name, titles, n=1, cutoff=0) or ["no image at all"]
-    return InputError(
+    return NothingThereError(
         f"{shown(path)}: {found}; expected a file, a folder or a pattern such as sky.####.exr. "
         f"Nearest in that folder: {shown(nearest[0])}."
     )

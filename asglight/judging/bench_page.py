@@ -6,7 +6,7 @@ from html import escape
 from string import Template
 from typing import Any
 
-from asglight.fitting import paper
+from asglight.fitting.paper import fit as paper
 from asglight.judging.bench_looks import LOOKS, PEER
 from asglight.judging.bench_plan import PEERS
 from asglight.judging.layout import BACKGROUND, FAINT, LINE, TEXT

@@ -4,8 +4,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from asglight.fitting import paper
 from asglight.fitting.options import LOBES
+from asglight.fitting.paper import fit as paper
 from asglight.judging.methods import METHODS
 from asglight.lobes import Form
 from asglight.peers.approximation import LOBE_FLOATS

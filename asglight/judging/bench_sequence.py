@@ -12,8 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from asglight.fitting import paper
 from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.paper import fit as paper
 from asglight.judging import methods
 from asglight.judging.bench_plan import Plan
 from asglight.judging.clock import Point, timed
@@ -26,6 +26,7 @@ from asglight.judging.metrics import FrameErrors, maps_errors, sequence_errors
 from asglight.lobes import Lobes, texels
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
+from asglight.lobes.heirs import inherited
 from asglight.peers.approximation import LobeSum
 from asglight.threads import one_thread
 
@@ -84,7 +85,7 @@ def _fits(
             lobes, seconds = fit_frames(frames, FitOptions(plan.lobes, preset))
             if again:
                 lobes, seconds = refined(references, lobes, seconds, preset)
-            shot = carried_on(stack(lobes))
+            shot = carried_on(inherited(stack(lobes)))
             return [shot[k] for k in range(len(lobes))], seconds
 
         return fit

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from asglight.fitting import first_frame
+from asglight.fitting.first_frame import fit as first_frame
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
 from asglight.judging import methods

@@ -12,7 +12,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import first_frame, whole_shot
+from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.following import whole_shot
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import REFINEMENT, fit_frame
 from asglight.judging.clock import Clock, Point, timed

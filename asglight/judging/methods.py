@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from asglight.fitting import paper
 from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.paper import fit as paper
 from asglight.fitting.sequence import fit_frame
 from asglight.lobes import Form
 from asglight.peers import (

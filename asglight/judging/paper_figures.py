@@ -15,9 +15,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from asglight.fitting import paper
 from asglight.fitting.options import FitOptions
-from asglight.fitting.paper_losses import Loss
+from asglight.fitting.paper import fit as paper
+from asglight.fitting.paper.losses import Loss
 from asglight.fitting.sequence import fit_frame
 from asglight.judging.clock import timed
 from asglight.judging.compare import Follow

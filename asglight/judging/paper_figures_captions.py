@@ -8,9 +8,9 @@ only what it does (its loss, its weights, 15 lobes) and shows; it prints no erro
 import textwrap
 from collections.abc import Sequence
 
-from asglight.fitting import paper
 from asglight.fitting.options import LOBES
-from asglight.fitting.paper_losses import Loss
+from asglight.fitting.paper import fit as paper
+from asglight.fitting.paper.losses import Loss
 from asglight.judging.metrics import METRIC_NAMES
 from asglight.judging.paper_figures import (
     OURS,
@@ -106,7 +106,7 @@ def losses_caption(still: Still, plan: Plan) -> str:
     run = (
         f"The paper's recipe with each of six losses, {recipe(plan)}, {plan.lobes} lobes, from "
         f"{starts}{means}; below them `fast`, which is not part of the ablation. {JUDGED}{SEEN} "
-        "How each loss is read: `asglight/fitting/paper_losses.py`."
+        "How each loss is read: `asglight/fitting/paper/losses.py`."
     )
     return _caption(run, ["loss", *HEADS], table, _ablation_finding(groups))
 

@@ -12,8 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from asglight.fitting import paper
 from asglight.fitting.options import FitOptions
+from asglight.fitting.paper import fit as paper
 from asglight.judging.clock import Clock
 from asglight.judging.compare import Follow
 from asglight.judging.display import exposure_stops, luminance
@@ -24,6 +24,7 @@ from asglight.judging.paper_figures import Plan, coarsened
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
+from asglight.lobes.heirs import inherited
 from asglight.shading import kernels
 from asglight.sphere import latlong
 from asglight.threads import one_thread
@@ -172,7 +173,7 @@ def _our_way(
     lobes, points = fit_frames(references, FitOptions(plan.lobes))
     if len(lobes) > 1:
         lobes, points = refined(shot, lobes, points)
-    tracks = carried_on(stack(lobes))
+    tracks = carried_on(inherited(stack(lobes)))
     seconds = sum(point["cpu_seconds"] for point in points) / len(points)
     return [tracks[index] for index in range(len(lobes))], 0, seconds
 

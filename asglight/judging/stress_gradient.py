@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fit's derivative against central differences in float64.
 
-The fit's loss J (asglight/fitting/objective.py) is written down once more, plainly: the
+The fit's loss J (asglight/fitting/loss/objective.py) is written down once more, plainly: the
 materials as one matrix each instead of Fourier transforms, everything in float64. Its differences
 along random directions of the lobes' coordinates are what `newton.normal_equations` foretells.
 """
@@ -13,10 +13,11 @@ from dataclasses import fields, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import leaves, lobe_images, newton, objective, probes
-from asglight.fitting.coordinates import UNKNOWNS, advance
-from asglight.fitting.first_frame import exposed
-from asglight.fitting.grid import POWERS, Grid
+from asglight.fitting.first_frame.fit import exposed
+from asglight.fitting.loss import leaves, lobe_images, objective, probes
+from asglight.fitting.loss.coordinates import UNKNOWNS, advance
+from asglight.fitting.loss.grid import POWERS, Grid
+from asglight.fitting.steps import newton
 from asglight.lobes import Lobes, asg
 from asglight.shading import kernels
 from asglight.sphere import latlong

@@ -18,6 +18,10 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
+FRAMES_MAX = 1_000_000
+"""Of a shot: eleven hours at 24 frames a second. A range beyond it is damage, and would fill the
+memory."""
+
 
 class Form(StrEnum):
     """The function of direction that a lobe stands for; x, y, z are components in its frame."""
@@ -56,6 +60,14 @@ class Lobes:
             if tuple(shape) != (*batch, *expected):
                 wanted = ", ".join(["..., N", *map(str, expected)])
                 raise ValueError(f"{name}: shape {tuple(shape)}, expected [{wanted}]")
+
+    def __repr__(self) -> str:
+        """Say how many of which form, and where."""
+        batch = list(self.axes.shape[:-3])
+        of = f", of each {batch}" if batch else ""
+        lit = int((self.amplitude > 0).any(-1).sum())
+        where = f"{str(self.amplitude.dtype).removeprefix('torch.')} on {self.amplitude.device}"
+        return f"<Lobes: {self.count} of form {self.form}{of}, {lit} lit, {where}>"
 
     @property
     def axis_x(self) -> Tensor:
@@ -221,6 +233,18 @@ class LobeTracks:
             raise ValueError("frames: not ascending")
         if len(self.names) != self.lobes.count or len(set(self.names)) != len(self.names):
             raise ValueError(f"names: {self.names} for {self.lobes.count} lobes; expected one each")
+
+    def __repr__(self) -> str:
+        """Say how many, which frames, and what made them."""
+        count = len(self.frames)
+        span = f" {self.frames[0]}-{self.frames[-1]}" if count else ""
+        frames = f"frame {self.frames[0]}" if count == 1 else f"{count} frames{span}"
+        known = {name: self.metadata.get(name) for name in ("preset", "source")}
+        made = "".join(f", {name} {value}" for name, value in known.items() if value)
+        return (
+            f"<LobeTracks: {self.lobes.count} lobes of form {self.lobes.form}, {frames} at "
+            f"{self.fps:g} fps{made}>"
+        )
 
     def at(self, frame: int) -> Lobes:
         """Return the lobes of one frame.  [N, .].

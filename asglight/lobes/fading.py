@@ -14,12 +14,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.lobes import asg
 from asglight.lobes.data import Lobes
 from asglight.lobes.frames import continuous
-
-WIDTH_MAX = 0.35
-"""Radians, 20 degrees: a broad lobe is near to lobes within these, not to half of the sphere."""
+from asglight.lobes.near import nearest
 
 
 def carried_on(lobes: Lobes) -> Lobes:
@@ -76,26 +73,11 @@ def _turn(shot: Lobes, lit: Tensor, index: int, end: int, beyond: int) -> Tensor
         end: The path's last frame, or its first.
         beyond: The dark frame next to it.
     """
-    near = _nearest(shot[end], lit[end] & lit[beyond], index)
-    if near is not None:
+    lobes, is_near = nearest(shot[end], lit[end] & lit[beyond])
+    if is_near[index]:
+        near = int(lobes[index])
         return shot.axes[beyond, near].mT @ shot.axes[end, near]
     inner = 2 * end - beyond
     if not 0 <= inner < len(lit) or not bool(lit[inner, index]):
         return torch.eye(3).to(shot.axes)
     return shot.axes[end, index].mT @ shot.axes[inner, index]
-
-
-def _nearest(lobes: Lobes, among: Tensor, index: int) -> int | None:
-    """Return the lobe that is nearest to another, in their widths; None if that is more than one.
-
-    Args:
-        lobes: Of one frame.  [N, .]
-        among: Which may be it.  [N]
-        index: The other.
-    """
-    narrow = lobes.sharpness.amin(-1)
-    width = (asg.per_variance(lobes.form) * narrow).rsqrt().clamp(max=WIDTH_MAX)
-    turned = torch.acos((lobes.axis_z @ lobes.axis_z[index]).clamp(-1, 1))
-    apart = torch.where(among, turned / (width + width[index]), torch.inf)
-    found = int(apart.argmin())
-    return found if float(apart[found]) < 1 else None

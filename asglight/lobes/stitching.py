@@ -47,7 +47,7 @@ CARRIED_LOG = 2.0
 """The same as a factor on sharpness, its logarithm: e in width."""
 
 BROAD = 0.5
-"""Added to sharpness there, as in a fit (fitting/coordinates.py): below it all lobes look alike."""
+"""Added to sharpness there, as in a fit (fitting/loss/coordinates.py): below it all lobes look alike."""
 
 TURN_MAX_DEG = 9.95
 """A lit lobe turns by less from frame to frame. Beyond 10 degrees is a jump; the rest is more than
@@ -57,7 +57,7 @@ LIT_SHARE = 0.01
 """Share of the flux above which a turn beyond that is a jump."""
 
 DARK_SHARE = 1e-4
-"""Share of the flux below which nobody sees a lobe move, as in a fit (fitting/temporal.py)."""
+"""Share of the flux below which nobody sees a lobe move, as in a fit (fitting/loss/temporal.py)."""
 
 
 class _Seam(NamedTuple):

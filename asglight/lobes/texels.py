@@ -122,7 +122,7 @@ def reached_pairs(lobes: Lobes, chosen: Tensor, grid: tuple[int, int]) -> list[P
 
 
 def _nodes_for(lobe: Lobes, grid: tuple[int, int]) -> int:
-    width = min(float(lobe_width(lobe)), WIDTH_MAX)
+    width = min(float(lobe_width(lobe).detach()), WIDTH_MAX)
     texels_per_sigma = max(math.pi / grid[0], 2 * math.pi / grid[1]) / width
     for bound, nodes in NODES:
         if texels_per_sigma <= bound:

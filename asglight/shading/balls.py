@@ -107,7 +107,7 @@ def render_balls(
     stacks = [_layers(r * r, size) for r in roughness]
     inside = coverage(size).flatten() > 0
     flux = {rows: _flux(maps, rows) for rows in {layer.rows for s in stacks for layer in s}}
-    share, normals = _covered(size)
+    share, normals = covered(size)
     lowest = _lowest([stack[0] for stack in stacks], normals, frame, flux[_ROWS[0]])
     result = torch.zeros(len(stacks), size * size, lowest.shape[-1])
     result[:, inside] = lowest * share[:, None]
@@ -197,16 +197,16 @@ def _normals(points: Tensor) -> Tensor:
     return torch.cat([points, z[..., None]], dim=-1)
 
 
-def _covered(size: int) -> tuple[Tensor, Tensor]:
+def covered(size: int) -> tuple[Tensor, Tensor]:
     """Return, of the pixels that the ball touches, the share that it covers and its normal there.
 
     Returns:
         Coverage [P]; normals at the centre of what is covered, camera frame [P, 3].
     """
     points = _pixel_centres(size)[:, :, None] + _pixel_offsets(size, 8)
-    covered = (points.square().sum(-1) < 1).float()
-    share = covered.mean(-1)
-    centre = (points * covered[..., None]).mean(2)[share > 0] / share[share > 0, None]
+    within = (points.square().sum(-1) < 1).float()
+    share = within.mean(-1)
+    centre = (points * within[..., None]).mean(2)[share > 0] / share[share > 0, None]
     return share[share > 0], _normals(centre)
 
 

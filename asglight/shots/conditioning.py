@@ -8,7 +8,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from asglight.fitting.condition import groups, trades
+from asglight.fitting.steps.condition import groups, trades
 from asglight.lobes import LobeTracks
 from asglight.shots.tolerance import spread_frames
 from asglight.threads import one_thread

@@ -194,8 +194,8 @@ def fit_sequence(
     """
     options = FitOptions(
         lobes,
-        _preset(preset),
-        _form(form),
+        preset_named(preset),
+        form_named(form),
         seed,
         device,
         tolerance=tolerance,
@@ -289,13 +289,23 @@ def _tell_state(checkpoint: Checkpoint, on_progress: OnProgress) -> None:
         )
 
 
-def _preset(name: str) -> Preset:
+def preset_named(name: str) -> Preset:
+    """Return a preset by its name.
+
+    Raises:
+        InputError: There is none of that name.
+    """
     if name not in list(Preset):
         raise InputError(f"preset: {shown(name)}; expected one of {', '.join(Preset)}.")
     return Preset(name)
 
 
-def _form(name: str) -> Form | None:
+def form_named(name: str) -> Form | None:
+    """Return a form by its name; None for `auto`.
+
+    Raises:
+        InputError: There is none of that name.
+    """
     if name not in FORM_NAMES:
         raise InputError(f"form: {shown(name)}; expected one of {', '.join(FORM_NAMES)}.")
     return form_of(name)

@@ -4,11 +4,10 @@
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 
-import torch
 from torch import Tensor
 
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import fit_frame
+from asglight.fitting.sequence import Following
 from asglight.lobes import Lobes
 from asglight.shots.reading import ahead
 
@@ -29,15 +28,9 @@ def live_fits(
     Raises:
         InputError: A frame cannot be read.
     """
-    options = FitOptions(lobes, Preset.LIVE, moving=len(frames) > 1)
-    before: list[Lobes] = []
-    last: Tensor | None = None
+    following = Following(FitOptions(lobes, Preset.LIVE, moving=len(frames) > 1))
     with contextlib.closing(ahead(read, list(frames))) as images:
         for frame, radiance in zip(frames, images, strict=True):
-            if last is None or not torch.equal(radiance, last):
-                earlier = before[-2] if len(before) > 1 else None
-                previous = before[-1] if before else None
-                fit = fit_frame(radiance, options, previous, earlier)
-                before = [*before[-1:], fit.lobes]
-            last = radiance
-            yield frame, before[-1]
+            following.take(radiance)
+            assert following.last is not None
+            yield frame, following.last.lobes

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 from torch import Tensor
 
-from asglight.fitting.measures import ALLOWANCE, MEASURED, Shown, errors, shown
+from asglight.fitting.loss.measures import ALLOWANCE, MEASURED, Shown, errors, shown
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import fit_frame
 from asglight.images import Sequence

@@ -6,6 +6,7 @@ writes the same bytes as an unbroken one: no time, no host, no absolute path.
 """
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from asglight.images.account import read_as
 from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
+from asglight.lobes.heirs import inherited
 from asglight.lobes.naming import by_energy
 from asglight.shots.leaving_out import account, simplified
 from asglight.shots.records import FrameRecord, own_frames, places_of
@@ -41,9 +43,34 @@ def tracks_from(
         fps: Frames per second.
         accuracy: Measures the frames, where the shot has a tolerance.
     """
+    origin = {
+        "source": Path(sequence.pattern).name,
+        **sequence.reading.as_json(),
+        "image": read_as(sequence.model),
+        "missing": sequence.missing,
+    }
+    return tracks_of(records, origin, options, fps, accuracy)
+
+
+def tracks_of(
+    records: list[FrameRecord],
+    origin: Mapping[str, Any],
+    options: FitOptions,
+    fps: float,
+    accuracy: Accuracy | None = None,
+) -> LobeTracks:
+    """Return the tracks of a shot, as `tracks_from`.
+
+    Args:
+        records: Every frame, in order.
+        origin: Where they came from, as JSON values.
+        options: How they were fitted.
+        fps: Frames per second.
+        accuracy: Measures the frames, where the shot has a tolerance.
+    """
     own = own_frames(records)
     numbers = [record.frame for record in own]
-    lobes = carried_on(stack([record.lobes for record in own]))  # [F', N, .]
+    lobes = carried_on(inherited(stack([record.lobes for record in own])))  # [F', N, .]
     fitted, lit = options.lobes_of(lobes.count), lit_lobes(lobes)
     lobes, budget = lobes.select(lit), None
     if options.preset is not Preset.PAPER:  # which stays as published
@@ -53,10 +80,7 @@ def tracks_from(
     repeated = [record.frame for record in records if record.repeats is not None]
     metadata = {
         "asglight": __version__,
-        "source": Path(sequence.pattern).name,
-        **sequence.reading.as_json(),
-        "image": read_as(sequence.model),
-        "missing": sequence.missing,
+        **origin,
         **options_as_json(options),
         **measured,
         "left_out": account(fitted, int(lit.sum()), lobes, repeated, budget),
@@ -64,7 +88,8 @@ def tracks_from(
         "flux_error": [_finite(record.flux_error) for record in records],
         "repairs": repairs_of(records),
     }
-    return by_energy(LobeTracks(sequence.frames, fps, lobes, metadata))
+    frames = tuple(record.frame for record in records)
+    return by_energy(LobeTracks(frames, fps, lobes, metadata))
 
 
 def _measured(accuracy: Accuracy, frames: list[int], lobes: Lobes) -> dict[str, Any]:

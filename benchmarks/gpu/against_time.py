@@ -11,7 +11,9 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from asglight.fitting import first_frame, paper, paper_losses
+from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.paper import fit as paper
+from asglight.fitting.paper import losses as paper_losses
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes
 from asglight.threads import one_thread

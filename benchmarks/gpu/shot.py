@@ -5,10 +5,10 @@ from collections.abc import Iterator
 
 from torch import Tensor
 
-from asglight.fitting.first_frame import Exposed, exposed
+from asglight.fitting.first_frame.fit import Exposed, exposed
+from asglight.fitting.following.whole_shot import CHUNK, refine_shot
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import REFINEMENT, fit_frame
-from asglight.fitting.whole_shot import CHUNK, refine_shot
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 from asglight.threads import one_thread

@@ -25,7 +25,7 @@ def tables(found: dict[str, Any]) -> str:
         for name, presets in found.items()
         for preset, one in presets.items()
     ]
-    header = ["at the frames", "flicker / EM", *AT_FRAMES, "frames/s", "samples", "between", "kB"]
+    header = ["at the frames", "flicker / EM", *AT_FRAMES, "CPU s", "samples", "between", "kB"]
     header.append("passages followed")
     return f"{above}\n\n{note}\n\n{_markdown(header, at)}"
 
@@ -48,7 +48,7 @@ def _frame_cells(account: dict[str, Any]) -> list[str]:
     return [
         "" if ratio is None else f"{ratio:.2f}",
         *(f"{account['at_frames'][name]:.4f}" for name in AT_FRAMES),
-        f"{1 / account['seconds_per_frame']:.1f}",
+        f"{account['cpu_seconds_per_frame']:.3f}",
         f"{account['samples']}",
         f"{account['samples_between']}",
         f"{account['bytes'] / 1000:.0f}",

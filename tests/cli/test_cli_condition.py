@@ -48,6 +48,9 @@ def test_the_line() -> None:
         f"ill-conditioned: 2 sets {head}: lobe_02, lobe_07, sun (frame 1003); "
         "lobe_01, lobe_04 (frame 1001)"
     ]
+    (many,) = condition_lines([one] * 3 + [other] * 2)
+    assert many.startswith("ill-conditioned: 5 sets of lobes")
+    assert many.endswith("lobe_02, lobe_07, sun (frame 1003); and 2 more (--json)")
 
 
 def test_info_tells_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

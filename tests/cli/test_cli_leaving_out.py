@@ -76,6 +76,22 @@ def test_what_was_left_out_is_told_with_its_reason(found: dict[str, Any], lines:
     assert left_out_lines({"left_out": NOTHING | found}) == lines
 
 
+@pytest.mark.parametrize(
+    "metadata",
+    [
+        {"left_out": {"black": 1}},
+        {"left_out": "much"},
+        {"left_out": NOTHING | {"one_sharpness": 2, "budget": "some"}},
+        {"tolerance_met": True},
+        {"tolerance_met": True, "worst_errors": 3, "tolerance": 0.1},
+    ],
+)
+def test_an_account_of_another_version_is_told_as_such(metadata: dict[str, Any]) -> None:
+    assert left_out_lines(metadata) == [
+        "left out: the stage's account of it is of another version of asglight, or edited"
+    ]
+
+
 def test_a_stage_that_knows_nothing_of_it_says_nothing() -> None:
     assert left_out_lines({}) == []
 

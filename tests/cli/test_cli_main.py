@@ -21,8 +21,8 @@ def test_every_command_has_help_with_an_example(
     assert cli.main([command, "--help"]) == 0
     text = capsys.readouterr().out
     assert f"example: asglight {command} " in text
-    # The result of two is a file; `figures` has the option with each figure.
-    assert ("--json" in text) is (command not in ("view", "export", "figures"))
+    # The result of two is a file, that of `follow` is JSON; `figures` has the option with each figure.
+    assert ("--json" in text) is (command not in ("view", "export", "figures", "follow"))
 
 
 def test_the_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,9 +8,12 @@ import torch
 from lobe_cases import sky_and_sun
 from torch import Tensor
 
-from asglight.fitting import balance, first_frame, lobe_images, newton, objective, seeding
-from asglight.fitting.first_frame import Level
-from asglight.fitting.objective import Corners
+from asglight.fitting.first_frame import balance, seeding
+from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.first_frame.fit import Level
+from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.loss.objective import Corners
+from asglight.fitting.steps import newton
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes
 from asglight.peers import vmf_em

@@ -13,8 +13,16 @@ from lobe_cases import alike, noise, target
 from tape import Tape, on_device
 from torch import Tensor
 
-from asglight.fitting import constants, newton, objective, temporal
-from asglight.fitting.captured import WARM_UPS, GraphRecorder, Replays, kind_of, mapped, tensors_of
+from asglight.fitting.loss import constants, objective, temporal
+from asglight.fitting.steps import newton
+from asglight.fitting.steps.captured import (
+    WARM_UPS,
+    GraphRecorder,
+    Replays,
+    kind_of,
+    mapped,
+    tensors_of,
+)
 from asglight.lobes import Form, Lobes
 
 pytestmark = pytest.mark.usefixtures("torch_steps")

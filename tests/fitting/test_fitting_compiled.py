@@ -13,18 +13,10 @@ from lobe_cases import DOUBLE, alike, noise
 from torch import Tensor
 
 from asglight import c_library as library
-from asglight.fitting import (
-    compiled,
-    coordinates,
-    leaves,
-    light,
-    lobe_images,
-    newton,
-    objective,
-    probes,
-    temporal,
-)
-from asglight.fitting.grid import POWERS
+from asglight.fitting import compiled
+from asglight.fitting.loss import coordinates, leaves, lobe_images, objective, probes, temporal
+from asglight.fitting.loss.grid import POWERS
+from asglight.fitting.steps import light, newton
 from asglight.lobes import Form, Lobes
 from asglight.lobes import data as lobe_data
 

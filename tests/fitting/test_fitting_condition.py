@@ -10,9 +10,9 @@ import scipy.linalg
 import torch
 from lobe_cases import lamps
 
-from asglight.fitting import condition
-from asglight.fitting.condition import Trade
-from asglight.fitting.coordinates import UNKNOWNS
+from asglight.fitting.loss.coordinates import UNKNOWNS
+from asglight.fitting.steps import condition
+from asglight.fitting.steps.condition import Trade
 from asglight.lobes import Form
 
 UP, SIDE = (0.0, 1.0, 0.1), (1.0, 0.0, 0.2)

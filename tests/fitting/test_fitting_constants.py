@@ -3,7 +3,7 @@
 
 import torch
 
-from asglight.fitting import constants
+from asglight.fitting.loss import constants
 
 
 def test_constants_come_to_a_device_once() -> None:

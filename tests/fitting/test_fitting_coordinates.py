@@ -7,8 +7,8 @@ import pytest
 import torch
 from lobe_cases import DOUBLE, random_lobes
 
-from asglight.fitting import coordinates
-from asglight.fitting.coordinates import BROAD, UNKNOWNS, advance
+from asglight.fitting.loss import coordinates
+from asglight.fitting.loss.coordinates import BROAD, UNKNOWNS, advance
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.lobes.data import stack
 

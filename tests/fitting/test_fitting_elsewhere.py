@@ -8,12 +8,13 @@ import torch
 from elsewhere import DEVICE, Elsewhere, watched
 from lobe_cases import sky_and_sun
 
-from asglight.fitting import first_frame, newton
-from asglight.fitting.first_frame import Level, fit_first_frame
-from asglight.fitting.following import LIVE, fit_next_frame
-from asglight.fitting.objective import Corners
+from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.first_frame.fit import Level, fit_first_frame
+from asglight.fitting.following.next_frame import LIVE, fit_next_frame
+from asglight.fitting.following.whole_shot import Refinement, refine_shot
+from asglight.fitting.loss.objective import Corners
+from asglight.fitting.steps import newton
 from asglight.fitting.stills import fit_stills, fits
-from asglight.fitting.whole_shot import Refinement, refine_shot
 from asglight.lobes import Form
 from asglight.lobes.data import stack
 

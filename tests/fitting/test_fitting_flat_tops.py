@@ -6,10 +6,11 @@ import math
 import pytest
 import torch
 
-from asglight.fitting import flat_tops, newton
-from asglight.fitting.first_frame import dark_lobes, fit_first_frame
+from asglight.fitting.first_frame import flat_tops
+from asglight.fitting.first_frame.fit import dark_lobes, fit_first_frame
 from asglight.fitting.options import AUTO, FORM_NAMES, FitOptions, Preset, form_of
 from asglight.fitting.sequence import fit_frame
+from asglight.fitting.steps import newton
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.frames import axes_around

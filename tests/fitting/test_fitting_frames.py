@@ -9,11 +9,11 @@ import torch
 from lobe_cases import angle_deg, follow, lamps, sky_and_sun
 from torch import Tensor
 
-from asglight.fitting import seeding
-from asglight.fitting.first_frame import fit_first_frame
-from asglight.fitting.following import fit_next_frame
+from asglight.fitting.first_frame import seeding
+from asglight.fitting.first_frame.fit import fit_first_frame
+from asglight.fitting.following.next_frame import fit_next_frame
+from asglight.fitting.following.slots import with_spare_tracks
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.slots import with_spare_tracks
 from asglight.images import read_latlong
 from asglight.judging import following
 from asglight.judging.metrics import frame_errors, irradiance_error

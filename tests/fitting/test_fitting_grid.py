@@ -4,7 +4,7 @@
 import pytest
 import torch
 
-from asglight.fitting.grid import POWERS, cell_sums, coarsen, coarser, grid, repeated
+from asglight.fitting.loss.grid import POWERS, cell_sums, coarsen, coarser, grid, repeated
 from asglight.sphere import latlong
 
 FACTORS = [(64, 32), (128, 32), (96, 32), (50, 25), (45, 15), (45, 9), (7, 1), (127, 1), (12, 12)]

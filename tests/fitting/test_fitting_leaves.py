@@ -7,8 +7,8 @@ import pytest
 import torch
 from splat_cases import of_texels
 
-from asglight.fitting.grid import grid
-from asglight.fitting.leaves import (
+from asglight.fitting.loss.grid import grid
+from asglight.fitting.loss.leaves import (
     BASE_ROWS,
     BRIGHT,
     REFINED,

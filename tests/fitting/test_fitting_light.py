@@ -12,8 +12,9 @@ import torch
 from lobe_cases import DOUBLE, flat, lamps, random_lobes, shown, target
 from torch import Tensor
 
-from asglight.fitting import light, lobe_images, objective, probes
-from asglight.fitting.leaves import leaves, to_cells
+from asglight.fitting.loss import lobe_images, objective, probes
+from asglight.fitting.loss.leaves import leaves, to_cells
+from asglight.fitting.steps import light
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 from asglight.sphere import latlong

@@ -19,12 +19,12 @@ from leaf_cases import (
 )
 from lobe_cases import DOUBLE, random_lobes
 
-from asglight.fitting import coordinates, lobe_images
-from asglight.fitting.coordinates import UNKNOWNS
-from asglight.fitting.footprints import footprint
-from asglight.fitting.grid import POWERS
-from asglight.fitting.leaves import Leaves
-from asglight.fitting.lobe_images import COLUMNS
+from asglight.fitting.loss import coordinates, lobe_images
+from asglight.fitting.loss.coordinates import UNKNOWNS
+from asglight.fitting.loss.footprints import footprint
+from asglight.fitting.loss.grid import POWERS
+from asglight.fitting.loss.leaves import Leaves
+from asglight.fitting.loss.lobe_images import COLUMNS
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.lobes.data import stack
 from asglight.sphere import latlong

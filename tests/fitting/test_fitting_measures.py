@@ -5,7 +5,7 @@ import pytest
 import torch
 from lobe_cases import lamps, sky_and_sun
 
-from asglight.fitting.measures import ALLOWANCE, errors, shown
+from asglight.fitting.loss.measures import ALLOWANCE, errors, shown
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import fit_frame
 from asglight.judging.metrics import frame_errors

@@ -9,7 +9,9 @@ import torch
 from lobe_cases import KNOWN, alike, flat, noise, shown, target
 from torch import Tensor
 
-from asglight.fitting import lobe_images, neighbours, newton, objective, regroup, temporal
+from asglight.fitting.first_frame import regroup
+from asglight.fitting.loss import lobe_images, objective, temporal
+from asglight.fitting.steps import neighbours, newton
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 

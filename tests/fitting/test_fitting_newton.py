@@ -10,13 +10,14 @@ import torch
 from lobe_cases import DOUBLE, KNOWN, alike, flat, lamps, noise, random_lobes, shown, target
 from torch import Tensor
 
-from asglight.fitting import leaves as leaves_module
-from asglight.fitting import lobe_images, newton, objective, temporal
-from asglight.fitting.coordinates import UNKNOWNS, advance
-from asglight.fitting.footprints import footprint
-from asglight.fitting.grid import POWERS, Grid, coarser, grid
-from asglight.fitting.leaves import leaves
-from asglight.fitting.probes import probe
+from asglight.fitting.loss import leaves as leaves_module
+from asglight.fitting.loss import lobe_images, objective, temporal
+from asglight.fitting.loss.coordinates import UNKNOWNS, advance
+from asglight.fitting.loss.footprints import footprint
+from asglight.fitting.loss.grid import POWERS, Grid, coarser, grid
+from asglight.fitting.loss.leaves import leaves
+from asglight.fitting.loss.probes import probe
+from asglight.fitting.steps import newton
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes import flat as flat_form
 from asglight.sphere import latlong

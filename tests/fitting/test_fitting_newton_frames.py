@@ -7,8 +7,9 @@ from lobe_cases import DOUBLE, KNOWN, alike, flat, noise, target
 from tape import Tape, on_device
 from torch import Tensor
 
-from asglight.fitting import lobe_images, newton, objective, temporal
-from asglight.fitting.captured import Replays
+from asglight.fitting.loss import lobe_images, objective, temporal
+from asglight.fitting.steps import newton
+from asglight.fitting.steps.captured import Replays
 from asglight.lobes import Form, Lobes, texels
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from asglight.fitting.non_negative import non_negative_least_squares
+from asglight.fitting.steps.non_negative import non_negative_least_squares
 
 
 @pytest.mark.parametrize("count", [1, 2, 15, 64])

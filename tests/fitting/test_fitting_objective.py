@@ -9,10 +9,10 @@ from lobe_cases import DOUBLE, flat
 from splat_cases import of_texels
 from torch import Tensor
 
-from asglight.fitting import objective, probes
-from asglight.fitting.grid import grid
-from asglight.fitting.leaves import Leaves, leaves, on_leaves, to_cells
-from asglight.fitting.probes import PROBES
+from asglight.fitting.loss import objective, probes
+from asglight.fitting.loss.grid import grid
+from asglight.fitting.loss.leaves import Leaves, leaves, on_leaves, to_cells
+from asglight.fitting.loss.probes import PROBES
 from asglight.shading import kernels
 from asglight.sphere import latlong
 

@@ -15,8 +15,9 @@ from tape import tensors_among
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from asglight.fitting import lobe_images, newton, temporal
-from asglight.fitting.captured import kind_of, mapped
+from asglight.fitting.loss import lobe_images, temporal
+from asglight.fitting.steps import newton
+from asglight.fitting.steps.captured import kind_of, mapped
 from asglight.lobes import Form, asg
 
 DEVICE = torch.device("meta")

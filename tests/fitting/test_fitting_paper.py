@@ -9,8 +9,9 @@ import scipy.special
 import torch
 from lobe_cases import follow, random_lobes, sky_and_sun
 
-from asglight.fitting import paper, paper_losses
 from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.paper import fit as paper
+from asglight.fitting.paper import losses as paper_losses
 from asglight.lobes import Form, Lobes, asg
 from asglight.sphere import latlong
 

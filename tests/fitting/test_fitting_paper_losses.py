@@ -10,8 +10,9 @@ import torch
 from lobe_cases import DOUBLE, random_lobes, sky_and_sun
 from torch import Tensor
 
-from asglight.fitting import paper, paper_losses
-from asglight.fitting.paper_losses import Loss, frame_loss, srgb_curve, target
+from asglight.fitting.paper import fit as paper
+from asglight.fitting.paper import losses as paper_losses
+from asglight.fitting.paper.losses import Loss, frame_loss, srgb_curve, target
 from asglight.lobes import Form, Lobes, asg
 from asglight.sphere import latlong
 

@@ -6,9 +6,9 @@ import math
 import pytest
 import torch
 
-from asglight.fitting import probes
-from asglight.fitting.grid import coarser, grid
-from asglight.fitting.probes import PROBES
+from asglight.fitting.loss import probes
+from asglight.fitting.loss.grid import coarser, grid
+from asglight.fitting.loss.probes import PROBES
 from asglight.shading import kernels
 
 HEIGHTS = [16, 50, 64, 96, 128]

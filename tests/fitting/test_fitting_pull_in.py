@@ -9,8 +9,9 @@ import torch
 from lobe_cases import DOUBLE, lamps, random_lobes, target
 from torch import Tensor
 
-from asglight.fitting import lobe_images, objective, pull_in
-from asglight.fitting.coordinates import advance
+from asglight.fitting.following import pull_in
+from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.loss.coordinates import advance
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.lobes.data import stack
 from asglight.lobes.frames import parallel_transport

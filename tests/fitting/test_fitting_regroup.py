@@ -6,8 +6,10 @@ import torch
 from lobe_cases import DOUBLE, lamps, random_lobes
 from torch import Tensor
 
-from asglight.fitting import lobe_images, newton, objective, regroup
-from asglight.fitting.leaves import leaves
+from asglight.fitting.first_frame import regroup
+from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.loss.leaves import leaves
+from asglight.fitting.steps import newton
 from asglight.lobes import Form, Lobes, asg, texels
 
 TWO = [(1.0, 0.0, 0.2), (1.0, 0.0, -0.5)]

@@ -6,9 +6,10 @@ from dataclasses import replace
 import torch
 from lobe_cases import angle_deg, flat, lamps
 
-from asglight.fitting import lobe_images, newton, objective, temporal
-from asglight.fitting.relocation import Relocation, placed, relocated
-from asglight.fitting.trials import Effort
+from asglight.fitting.following.relocation import Relocation, placed, relocated
+from asglight.fitting.following.trials import Effort
+from asglight.fitting.loss import lobe_images, objective, temporal
+from asglight.fitting.steps import newton
 from asglight.lobes import Lobes, texels
 
 HEIGHT = 64

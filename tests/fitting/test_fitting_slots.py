@@ -5,7 +5,7 @@ import pytest
 import torch
 from lobe_cases import lamps
 
-from asglight.fitting import slots
+from asglight.fitting.following import slots
 from asglight.lobes import Form
 from asglight.lobes.data import joined
 

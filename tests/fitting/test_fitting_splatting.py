@@ -6,9 +6,9 @@ import pytest
 import torch
 from splat_cases import along, of_texels
 
-from asglight.fitting.grid import coarsen, grid
-from asglight.fitting.leaves import leaves, on_leaves, to_cells
-from asglight.fitting.splatting import neighbours, weights
+from asglight.fitting.loss.grid import coarsen, grid
+from asglight.fitting.loss.leaves import leaves, on_leaves, to_cells
+from asglight.fitting.loss.splatting import neighbours, weights
 from asglight.shading import kernels
 from asglight.sphere.quadrature import fibonacci_directions
 

@@ -10,19 +10,13 @@ import torch
 from lobe_cases import sky_and_sun
 from torch import Tensor
 
-from asglight.fitting import (
-    balance,
-    first_frame,
-    light,
-    lobe_images,
-    newton,
-    objective,
-    seeding,
-    starts,
-)
-from asglight.fitting.first_frame import Level
-from asglight.fitting.leaves import Leaves
-from asglight.fitting.objective import Corners
+from asglight.fitting.first_frame import balance, seeding, starts
+from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.first_frame.fit import Level
+from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.loss.leaves import Leaves
+from asglight.fitting.loss.objective import Corners
+from asglight.fitting.steps import light, newton
 from asglight.judging import stress_maps
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import orthonormal

@@ -8,10 +8,12 @@ import torch
 from lobe_cases import alike, noise, sky_and_sun, target
 from torch import Tensor
 
-from asglight.fitting import balance, lobe_images, newton, objective, regroup, seeding
-from asglight.fitting.first_frame import exposed
+from asglight.fitting.first_frame import balance, regroup, seeding
+from asglight.fitting.first_frame.fit import exposed
+from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import fit_frame
+from asglight.fitting.steps import newton
 from asglight.fitting.stills import fit_stills
 from asglight.fitting.stills.balancing import balanced_each
 from asglight.fitting.stills.frames import picked, put, weighed

@@ -9,9 +9,10 @@ import torch
 from lobe_cases import DOUBLE, lamps, noise, random_lobes
 from torch import Tensor
 
-from asglight.fitting import newton, objective, temporal
-from asglight.fitting.coordinates import UNKNOWNS, advance, is_round
-from asglight.fitting.leaves import leaves
+from asglight.fitting.loss import objective, temporal
+from asglight.fitting.loss.coordinates import UNKNOWNS, advance, is_round
+from asglight.fitting.loss.leaves import leaves
+from asglight.fitting.steps import newton
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
 

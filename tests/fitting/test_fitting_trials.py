@@ -5,7 +5,9 @@ import pytest
 import torch
 from lobe_cases import angle_deg, flat, lamps
 
-from asglight.fitting import newton, objective, trials
+from asglight.fitting.following import trials
+from asglight.fitting.loss import objective
+from asglight.fitting.steps import newton
 from asglight.lobes import Lobes, texels
 from asglight.lobes.data import stack
 

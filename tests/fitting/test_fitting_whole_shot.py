@@ -9,14 +9,15 @@ import torch
 from lobe_cases import follow, lamps, sky_and_sun
 from torch import Tensor
 
-from asglight.fitting import objective, temporal, whole_shot
-from asglight.fitting.coordinates import UNKNOWNS, advance
-from asglight.fitting.first_frame import Exposed, exposed
-from asglight.fitting.lobe_images import images
-from asglight.fitting.objective import ENV_WEIGHT
+from asglight.fitting.first_frame.fit import Exposed, exposed
+from asglight.fitting.following import whole_shot
+from asglight.fitting.following.whole_shot import Refinement, refine_shot
+from asglight.fitting.loss import objective, temporal
+from asglight.fitting.loss.coordinates import UNKNOWNS, advance
+from asglight.fitting.loss.lobe_images import images
+from asglight.fitting.loss.objective import ENV_WEIGHT
+from asglight.fitting.loss.probes import PROBES
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.probes import PROBES
-from asglight.fitting.whole_shot import Refinement, refine_shot
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What files state of their colours is obeyed, or refused where it cannot be."""
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -159,6 +160,43 @@ def test_what_cannot_be_obeyed_is_refused_and_the_user_overrides_it(
 )
 def test_statements_that_agree_are_taken(tmp_path: Path, header: dict[str, object]) -> None:
     assert read_latlong(written(tmp_path, encoded(), **header)).radiance.max() > 0
+
+
+def of_another_type(path: Path, name: str, kind: str, value: bytes) -> Path:
+    """Write a standard attribute as no library does."""
+    planes = {channel: (np.ones((4, 8), np.float32), 1) for channel in "RGB"}
+    return image_files.raw_exr(path / "a.exr", planes, (8, 4), attributes=[(name, kind, value)])
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"), [("v2f", struct.pack("<2f", 0.3, 0.3)), ("string", b"Rec.709")]
+)
+def test_chromaticities_of_another_type_are_refused_and_the_user_overrides_them(
+    tmp_path: Path, kind: str, value: bytes
+) -> None:
+    path = of_another_type(tmp_path, "chromaticities", kind, value)
+    message = r"a\.exr: states chromaticities that are not eight numbers.*--input-colorspace"
+    with pytest.raises(InputError, match=message):
+        read_latlong(path)
+    image = read_latlong(path, reading=ReadOptions(colorspace="Linear Rec.709 (sRGB)"))
+    assert (image.radiance == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "value"),
+    [
+        ("whiteLuminance", "string", b"bright"),
+        ("whiteLuminance", "v2f", struct.pack("<2f", 203, 204)),
+        ("adoptedNeutral", "float", struct.pack("<f", 0.3)),
+        ("adoptedNeutral", "string", b"D60"),
+        ("multiView", "v2i", struct.pack("<2i", 1, 2)),
+        ("multiView", "float", struct.pack("<f", 2)),
+    ],
+)
+def test_what_is_stated_of_looks_in_another_type_says_nothing(
+    tmp_path: Path, name: str, kind: str, value: bytes
+) -> None:
+    assert (read_latlong(of_another_type(tmp_path, name, kind, value)).radiance == 1).all()
 
 
 def test_what_is_stated_of_looks_is_told_and_changes_nothing(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ import torch
 from lobe_cases import lamps, sky_and_sun
 from torch import Tensor
 
-from asglight.fitting import paper
-from asglight.fitting.paper_losses import Loss
+from asglight.fitting.paper import fit as paper
+from asglight.fitting.paper.losses import Loss
 from asglight.judging import paper_figures, paper_figures_time
 from asglight.judging.following import JUMP_DEG
 from asglight.judging.metrics import map_errors

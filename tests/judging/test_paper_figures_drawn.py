@@ -10,7 +10,7 @@ import torch
 from lobe_cases import lamps
 from matplotlib.figure import Figure
 
-from asglight.fitting.paper_losses import Loss
+from asglight.fitting.paper.losses import Loss
 from asglight.judging import paper_figures_captions as captions
 from asglight.judging import paper_figures_sheet as sheets
 from asglight.judging.layout import DARK, LIGHT

@@ -11,9 +11,9 @@ from lobe_cases import follow
 
 from asglight import read_usd
 from asglight.errors import InputError
-from asglight.fitting.first_frame import exposed
+from asglight.fitting.first_frame.fit import exposed
+from asglight.fitting.following.whole_shot import Refinement, refine_shot
 from asglight.fitting.options import FitOptions
-from asglight.fitting.whole_shot import Refinement, refine_shot
 from asglight.lobes import asg
 from asglight.lobes.data import stack
 from asglight.shots import fit_sequence, fit_shot, frames, job

@@ -7,8 +7,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from asglight.fitting import compiled, temporal
+from asglight.fitting import compiled
 from asglight.fitting.compiled import layout
+from asglight.fitting.loss import temporal
 from asglight.lobes import Lobes, asg
 
 

@@ -2,6 +2,7 @@
 """Small image files for the tests, written by OpenEXR or byte by byte, never by asglight."""
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +43,7 @@ def raw_exr(
     *,
     version: int = 2,
     compression: int = 0,
+    attributes: Sequence[tuple[str, str, bytes]] = (),
 ) -> Path:
     """Write an uncompressed file as the OpenEXR format describes it, for what the API refuses.
 
@@ -51,6 +53,7 @@ def raw_exr(
         size: Columns and rows that the header claims.
         version: Version field.
         compression: Compression code; the pixels are stored raw whatever it says.
+        attributes: More of them: name, type, value.
     """
     columns, rows = size
     kinds = {"uint32": 0, "float16": 1, "float32": 2}
@@ -70,6 +73,7 @@ def raw_exr(
             _attribute("pixelAspectRatio", "float", struct.pack("<f", 1)),
             _attribute("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)),
             _attribute("screenWindowWidth", "float", struct.pack("<f", 1)),
+            *(_attribute(*each) for each in attributes),
             b"\0",
         ]
     )

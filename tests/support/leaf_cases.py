@@ -7,10 +7,10 @@ from dataclasses import replace
 import torch
 from lobe_cases import DOUBLE
 
-from asglight.fitting import coordinates
-from asglight.fitting.coordinates import UNKNOWNS
-from asglight.fitting.leaves import Leaves, leaves
-from asglight.fitting.lobe_images import COLUMNS
+from asglight.fitting.loss import coordinates
+from asglight.fitting.loss.coordinates import UNKNOWNS
+from asglight.fitting.loss.leaves import Leaves, leaves
+from asglight.fitting.loss.lobe_images import COLUMNS
 from asglight.lobes import Form, Lobes
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong

@@ -7,9 +7,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import objective
-from asglight.fitting.first_frame import FrameFit
-from asglight.fitting.leaves import leaves
+from asglight.fitting.first_frame.fit import FrameFit
+from asglight.fitting.loss import objective
+from asglight.fitting.loss.leaves import leaves
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import StepCallback, fit_frame
 from asglight.lobes import Form, Lobes, texels

@@ -204,6 +204,16 @@ def edited_stage(path: Path, light_edit: object) -> Path:
     return path
 
 
+def test_a_light_whose_size_is_not_finite_is_refused(tmp_path: Path) -> None:
+    def edit(rig: Usd.Prim, lobe: Usd.Prim) -> None:
+        lobe.GetAttribute(schema.ANGLE).Set(math.inf)
+        lobe.GetAttribute(schema.ANGLE).Set(math.inf, 1)
+
+    path = edited_stage(tmp_path / "a.usda", edit)
+    with pytest.raises(InputError, match=r"lobe_00\S* has a size that is not finite"):
+        read_usd(path)
+
+
 def test_a_light_that_is_turned_by_no_rotation_is_refused(tmp_path: Path) -> None:
     def edit(rig: Usd.Prim, lobe: Usd.Prim) -> None:
         UsdGeom.Xformable(lobe).AddTransformOp(opSuffix="odd").Set(Gf.Matrix4d(math.nan))

@@ -20,13 +20,13 @@ from torch import Tensor
 from asglight.c_library import LIBRARIES, X86, fingerprint
 from asglight.fitting.compiled import layout
 from asglight.fitting.compiled.layout import Leaves, Probes, Target
-from asglight.fitting.grid import Grid
+from asglight.fitting.loss.grid import Grid
 from asglight.lobes import Form, Lobes
 
 if TYPE_CHECKING:
-    from asglight.fitting import leaves as places
-    from asglight.fitting import objective
-    from asglight.fitting.lobe_images import Images
+    from asglight.fitting.loss import leaves as places
+    from asglight.fitting.loss import objective
+    from asglight.fitting.loss.lobe_images import Images
 
 NAME = LIBRARIES["fitting/compiled"]
 

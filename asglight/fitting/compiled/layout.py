@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from asglight.fitting import coordinates, splatting, temporal
-from asglight.fitting.grid import Grid
+from asglight.fitting.loss import coordinates, splatting, temporal
+from asglight.fitting.loss.grid import Grid
 from asglight.lobes import Form, asg
 
 if TYPE_CHECKING:
-    from asglight.fitting import leaves as places
-    from asglight.fitting import lobe_images, newton, objective
+    from asglight.fitting.loss import leaves as places
+    from asglight.fitting.loss import lobe_images, objective
+    from asglight.fitting.steps import newton
 
 SOURCES_MAX, PRIORS_MAX = 8, 2
 """Of steps.h: probes of one grid and temporal terms of one frame, at most."""

@@ -6,8 +6,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import newton, objective
-from asglight.fitting.balance import FACTOR, FACTOR_LEAST, ROUNDS, STEPS, lags_of_each
+from asglight.fitting.first_frame.balance import FACTOR, FACTOR_LEAST, ROUNDS, STEPS, lags_of_each
+from asglight.fitting.loss import objective
+from asglight.fitting.steps import newton
 from asglight.fitting.stills.frames import picked, put, weighed
 
 

@@ -13,8 +13,11 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting import balance, first_frame, light, newton, objective, seeding, starts
-from asglight.fitting.first_frame import Exposed, FrameFit
+from asglight.fitting.first_frame import balance, seeding, starts
+from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.first_frame.fit import Exposed, FrameFit
+from asglight.fitting.loss import objective
+from asglight.fitting.steps import light, newton
 from asglight.fitting.stills.balancing import balanced_each
 from asglight.fitting.stills.frames import chosen
 from asglight.fitting.stills.splitting import regroup_each

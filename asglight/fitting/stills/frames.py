@@ -7,9 +7,10 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from asglight.fitting import lobe_images, newton, objective
-from asglight.fitting.leaves import Leaves
-from asglight.fitting.probes import of_views
+from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.loss.leaves import Leaves
+from asglight.fitting.loss.probes import of_views
+from asglight.fitting.steps import newton
 from asglight.lobes import data as lobe_data
 
 Framed = TypeVar("Framed", Leaves, objective.Target)

@@ -8,8 +8,7 @@ from itertools import islice
 import torch
 from torch import Tensor
 
-from asglight.fitting import newton, objective
-from asglight.fitting.regroup import (
+from asglight.fitting.first_frame.regroup import (
     GAIN,
     SETTLING_STEPS,
     STEPS,
@@ -21,6 +20,8 @@ from asglight.fitting.regroup import (
     lying_on,
     ranked,
 )
+from asglight.fitting.loss import objective
+from asglight.fitting.steps import newton
 from asglight.fitting.stills.frames import chosen, picked
 
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from asglight.fitting import seeding
-from asglight.fitting.seeding import Cells
+from asglight.fitting.first_frame import seeding
+from asglight.fitting.first_frame.seeding import Cells
 from asglight.lobes import Form, Lobes
 
 

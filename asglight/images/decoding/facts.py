@@ -27,16 +27,23 @@ _ORIENTATIONS = {
 
 def part_of(spec: OpenImageIO.ImageSpec, *, is_only: bool) -> layers.Part:
     """Return what a part says of itself; in a file of one part its name means nothing."""
-    views = spec.getattribute("multiView") or ()
+    views = spec.getattribute("multiView")
     interop = _text(spec, "colorInteropID")
     return layers.Part(
         "" if is_only else _text(spec, "name"),
         tuple(spec.channelnames),
         _text(spec, "view"),
-        tuple(map(str, (views,) if isinstance(views, str) else views)),
+        (views,) if isinstance(views, str) else _strings(views),
         bool(spec.deep),
         bool(interop) and not is_only and interop.lower() == "data",
     )
+
+
+def _strings(values: object) -> tuple[str, ...]:
+    """Return the words of an attribute; none where it is missing or of another type."""
+    if isinstance(values, tuple | list) and all(isinstance(each, str) for each in values):
+        return tuple(values)
+    return ()
 
 
 def axes_of(spec: OpenImageIO.ImageSpec, kind: str) -> tuple[str, str]:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import OpenImageIO
 
 from asglight.errors import InputError
@@ -108,9 +109,9 @@ def notes_of(spec: OpenImageIO.ImageSpec) -> tuple[str, ...]:
         notes.append(
             f"whiteLuminance {white:.4g} is not applied: radiance is relative, 1 is that many nits"
         )
-    neutral = spec.getattribute("adoptedNeutral")
-    if neutral is not None:
-        x, y = (float(value) for value in neutral)
+    neutral = _floats(spec, "adoptedNeutral")
+    if neutral is not None and len(neutral) == 2:
+        x, y = neutral
         notes.append(
             f"adoptedNeutral {x:.4g} {y:.4g} is not applied: it says what a display shows as grey"
         )
@@ -119,8 +120,8 @@ def notes_of(spec: OpenImageIO.ImageSpec) -> tuple[str, ...]:
 
 def white_luminance(spec: OpenImageIO.ImageSpec) -> float | None:
     """Return the luminance in nits that a file gives (1, 1, 1); None where it gives none."""
-    value = spec.getattribute("whiteLuminance")
-    return None if value is None else float(value)
+    value = _floats(spec, "whiteLuminance")
+    return value[0] if value is not None and len(value) == 1 else None
 
 
 def _by_name(
@@ -152,11 +153,17 @@ def _by_numbers(
     path: Path, spec: OpenImageIO.ImageSpec, first: OpenImageIO.ImageSpec
 ) -> ColourSpace | None:
     """Return the space of stated chromaticities."""
-    stated: Any = spec.getattribute("chromaticities")
-    stated = first.getattribute("chromaticities") if stated is None else stated
-    if stated is None:
+    holder = first if spec.getattribute("chromaticities") is None else spec
+    if holder.getattribute("chromaticities") is None:
         return None
-    red_x, red_y, green_x, green_y, blue_x, blue_y, white_x, white_y = (float(v) for v in stated)
+    stated = _floats(holder, "chromaticities")
+    if stated is None or len(stated) != 8:
+        raise InputError(
+            f"{shown(path)}: states chromaticities that are not eight numbers; expected three "
+            "primaries and a white. Correct or remove them, or say what its colours are with "
+            "--input-colorspace."
+        )
+    red_x, red_y, green_x, green_y, blue_x, blue_y, white_x, white_y = stated
     numbers = (red_x, red_y, green_x, green_y, blue_x, blue_y, white_x, white_y)
     if not colour.is_colour_space(numbers):
         raise InputError(
@@ -165,6 +172,15 @@ def _by_numbers(
             "say what its colours are with --input-colorspace."
         )
     return _of_numbers(numbers, "chromaticities")
+
+
+def _floats(spec: OpenImageIO.ImageSpec, name: str) -> tuple[float, ...] | None:
+    """Return the numbers of an attribute; None where it is missing or of another type."""
+    value: Any = spec.getattribute(name)
+    values = np.atleast_1d(np.asarray(value if value is not None else "", dtype=object)).ravel()
+    if all(isinstance(each, int | float | np.number) for each in values):
+        return tuple(map(float, values))
+    return None
 
 
 def _of_numbers(numbers: Chromaticities, said_by: str) -> ColourSpace:

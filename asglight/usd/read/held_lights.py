@@ -223,6 +223,8 @@ def _met(
         authored.
     """
     sizes = np.concatenate([view.values(light, name, 1.0) for name in view.size_names], -1)
+    if not np.isfinite(sizes).all():
+        raise DamagedValueError(f"{light.GetPath()} has a size that is not finite")
     value = _light(view, light, sizes)
     if not view.placement.is_stretched and _is_as_authored(view, prim, light, authored):
         return sizes, _lit(value), None

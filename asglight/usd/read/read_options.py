@@ -28,15 +28,19 @@ CARD_SUFFIX = ".card.exr"
 """How the name of the cards' texture ends; another image on a card is somebody else's."""
 
 
-def read_options(path: str | Path) -> StageOptions:
+def read_options(path: str | Path, rig: str | None = None) -> StageOptions:
     """Return the options that a stage was written with, and the axis that is up in it now.
+
+    Args:
+        path: The stage.
+        rig: Path of the prim that holds the lobes, of a stage with several.
 
     Raises:
         InputError: There is no such stage, or it holds no lobes.
     """
-    stage, rig = open_rig(path)
+    stage, prim = open_rig(path, rig)
     stage.SetEditTarget(stage.GetSessionLayer())
-    return replace(options_of(rig), up_axis=str(UsdGeom.GetStageUpAxis(stage)))
+    return replace(options_of(prim), up_axis=str(UsdGeom.GetStageUpAxis(stage)))
 
 
 def options_of(rig: Usd.Prim) -> StageOptions:

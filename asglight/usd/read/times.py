@@ -12,11 +12,9 @@ from typing import Any
 
 from pxr import Sdf, Usd
 
+from asglight.lobes.data import FRAMES_MAX
 from asglight.usd import schema
 from asglight.usd.stage import rig_data
-
-FRAMES_MAX = 1_000_000
-"""Eleven hours at 24 frames a second. A range beyond it is damage, and would fill the memory."""
 
 WHOLE = 1e-6
 """How far from a whole number a time code may be: offsets are float64, of frames up to 1e6."""

@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every next frame: predict, pull in, step, relocate.
+
+Lobes are carried on as they moved, pulled to the lamps that they meet (tracking.py), and take
+steps with the temporal term. A lobe may turn as far as its lamp does. Where one is needed
+elsewhere more than where it is, it is relocated (relocation.py), which makes it another light.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from asglight.fitting.first_frame.fit import (
+    FrameFit,
+    Level,
+    exposed,
+    fit_first_frame,
+    narrowest,
+    with_flux_of,
+)
+from asglight.fitting.following import slots
+from asglight.fitting.following.pull_in import pulled_in, re_detected, responsibilities
+from asglight.fitting.following.relocation import Relocation, relocated
+from asglight.fitting.following.trials import Effort
+from asglight.fitting.loss import lobe_images, objective, temporal
+from asglight.fitting.loss.objective import Corners
+from asglight.fitting.options import TRACKS_PER_LOBE
+from asglight.fitting.steps import light, newton
+from asglight.lobes import Lobes, asg
+from asglight.lobes.frames import align, parallel_transport
+from asglight.lobes.near import nearest
+
+
+@dataclass(frozen=True)
+class FrameSettings:
+    """How much is spent on a next frame.
+
+    Attributes:
+        coarse: Steps on few cells, before lobes are relocated.
+        whole: Steps on the whole map.
+        changed: Steps on the whole map where lobes were relocated; if empty, those of `whole`.
+        relocation: What is spent on relocating lobes.
+        afresh_loss: J from which a frame that changed is fitted from nothing as well.
+    """
+
+    coarse: tuple[Level, ...]
+    whole: tuple[Level, ...]
+    changed: tuple[Level, ...]
+    relocation: Relocation
+    afresh_loss: float
+
+
+LIVE = FrameSettings(
+    coarse=(Level(2, Corners(0.1, 0.005)),),
+    whole=(Level(2, Corners(0.1, 0.005)), Level(2, Corners(0.1, 0.002))),
+    changed=(Level(4, Corners(0.1, 0.005)), Level(4, Corners(0.1, 0.002))),
+    relocation=Relocation(rounds=1, trial=Effort(steps=2, companions=2), cost=0.002, loss=0.03),
+    afresh_loss=1.0,
+)
+
+FAST = FrameSettings(
+    coarse=(Level(4, Corners(0.3, 0.02)),),
+    whole=(Level(4, Corners(0.3, 0.02)), Level(8, Corners(0.1, 0.002))),
+    changed=(),
+    relocation=Relocation(rounds=2, trial=Effort(4)),
+    afresh_loss=0.5,
+)
+
+BEST = FrameSettings(
+    coarse=(Level(4, Corners(0.3, 0.02)),),
+    whole=(
+        Level(8, Corners(0.3, 0.02)),
+        Level(16, Corners(0.1, 0.01)),
+        Level(24, Corners(0.1, 0.002)),
+    ),
+    changed=(),
+    relocation=Relocation(rounds=3, trial=Effort(4), splits=4),
+    afresh_loss=0.5,
+)
+
+DAMPING_START = 0.05
+"""More than a first frame's: the steps are few, and with 1e-3 the first one often fails."""
+
+CHANGED = 1.2
+"""Loss of the lobes as they were, over that of the fit, from which a frame counts as changed: where
+lobes are far too few for the map every loss is high, and nothing is in doubt."""
+
+AFRESH_GAIN = 2 / 3
+"""Share of the loss below which a fit from nothing takes the place of one that was followed."""
+
+
+def fit_next_frame(
+    reference: Tensor,
+    previous: Lobes,
+    earlier: Lobes | None = None,
+    settings: FrameSettings = FAST,
+    threads: int = 1,
+    count: int | None = None,
+) -> FrameFit:
+    """Fit a frame that follows another.
+
+    Args:
+        reference: Repaired radiance.  [H, 2 H, 3]
+        previous: The tracks of the frame before (slots.py).  [2 N, .]
+        earlier: The tracks of the frame before that, from which the motion is predicted.  [2 N, .]
+        settings: How much is spent.
+        threads: Of a fit from nothing, as in `fit_first_frame`.
+        count: Lobes lit at most; None for N.
+    """
+    frame = exposed(reference)
+    count = previous.count // TRACKS_PER_LOBE if count is None else count
+    if frame.exposure <= 0:
+        return FrameFit(_scaled(previous, 0.0), 0.0, 0.0)
+    free = slots.free_tracks(previous, earlier)
+    if float(previous.amplitude.max()) <= 0:
+        fresh = fit_first_frame(reference, count, previous.form, threads=threads)
+        return _in_tracks_afresh(fresh, previous, free)
+    before = _scaled(previous, 1 / _within_reach(frame.exposure, previous))
+    tracks = torch.nonzero(~temporal.is_dark(before)).flatten()
+    whole = objective.target(frame.radiance)
+    coarse = objective.trial_target(frame.radiance, settings.whole[0].corners)
+    width_min = narrowest(frame.height)
+    own = before.select(tracks)
+    outcome, unlike = initial_guess(
+        own, None if earlier is None else earlier.select(tracks), coarse, width_min
+    )
+    prior = temporal.prior(outcome.lobes)
+    outcome = stepped(outcome, coarse, settings.coarse, prior, width_min)
+    levels, places = settings.whole, tracks.tolist()
+    if float(outcome.value) >= settings.relocation.loss:
+        competing = replace(coarse, corners=levels[-1].corners)
+        room = int(free.sum())
+        lobes, stays = relocated(outcome, competing, count, room, width_min, settings.relocation)
+        if lobes.count > len(places):
+            levels = settings.changed or levels
+        places = _places(lobes, stays, places, before, free)
+        outcome = replace(outcome, lobes=lobes.select(stays)[None])
+    outcome = replace(outcome, shown=None)  # now on the cells of the whole map
+    outcome = stepped(outcome, whole, levels, temporal.prior(outcome.lobes), width_min)
+    loss = float(outcome.value)
+    if loss > settings.afresh_loss and unlike > CHANGED * loss:
+        fresh = fit_first_frame(reference, count, previous.form, threads=threads)
+        if fresh.loss < AFRESH_GAIN * loss:
+            return _in_tracks_afresh(fresh, previous, free)
+    fit = with_flux_of(temporal.blackened(light.relit(outcome, whole).lobes[0]), frame, loss)
+    return replace(fit, lobes=_in_tracks(fit.lobes, places, previous))
+
+
+def _places(
+    lobes: Lobes, stays: Tensor, places: list[int], before: Lobes, free: Tensor
+) -> list[int]:
+    """Return the tracks of lobes that stay lit; new ones, which come last, take dark tracks.
+
+    Args:
+        lobes: All of them.  [N', .]
+        stays: Which stay lit.  [N']
+        places: The tracks of those that are not new.
+        before: The tracks one frame before.  [2 N, .]
+        free: Which are free.  [2 N]
+    """
+    dark, free, found = temporal.is_dark(before), free.clone(), list(places)
+    for index in range(len(places), lobes.count):
+        own = torch.tensor([index], device=lobes.axes.device)
+        track = slots.track_for(lobes.select(own), free, dark, before)
+        free[track] = dark[track] = False
+        found.append(track)
+    return [track for track, stay in zip(found, stays.tolist(), strict=True) if stay]
+
+
+def _in_tracks(lobes: Lobes, places: list[int], previous: Lobes) -> Lobes:
+    """Write lobes into their tracks, the others dark where they were.  [2 N, .]."""
+    index = torch.tensor(places, device=lobes.axes.device)
+    found = _scaled(previous, 0.0).replaced(index, lobes)
+    return align(found, previous)
+
+
+def _in_tracks_afresh(fresh: FrameFit, previous: Lobes, free: Tensor) -> FrameFit:
+    places = slots.afresh(fresh.lobes, previous, free)
+    return replace(fresh, lobes=_in_tracks(temporal.blackened(fresh.lobes), places, previous))
+
+
+def stepped(
+    outcome: newton.Outcome,
+    frame: objective.Target,
+    levels: tuple[Level, ...],
+    prior: temporal.Prior,
+    width_min: float,
+) -> newton.Outcome:
+    """Take the steps of each level in turn, the temporal term on.
+
+    What the outcome shows, if anything, is on the frame's leaves.
+    """
+    for level in levels:
+        outcome = newton.minimise(
+            outcome.lobes,
+            replace(frame, corners=level.corners),
+            level.steps,
+            priors=[prior],
+            damping=outcome.damping,
+            width_min=width_min,
+            shown=outcome.shown,
+        )
+    return outcome
+
+
+def initial_guess(
+    before: Lobes, earlier: Lobes | None, frame: objective.Target, width_min: float
+) -> tuple[newton.Outcome, float]:
+    """Return the best of the lobes as they were, moved on as they moved, turned to a lost lamp.
+
+    Each of these competes, and each pulled in by the lamps from there.
+
+    Args:
+        before: The frame before, in the exposure of this one.  [N, .]
+        earlier: The frame before that.  [N, .]
+        frame: This frame.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+
+    Returns:
+        The best of these, and the loss of the lobes as they were, with the light that they had.
+    """
+    places = [before.axis_z]
+    if earlier is not None:
+        places.append(onward(before, earlier))
+    still = lobe_images.images(_at(before, torch.stack(places)), frame.places)
+    taken = responsibilities(still)
+    found = re_detected(still.lobes[:1], taken[:1], frame)
+    if found is not None:
+        seeing = lobe_images.images(found, frame.places)
+        still, taken = (
+            lobe_images.joined(still, seeing),
+            torch.cat([taken, responsibilities(seeing)]),
+        )
+    count = len(taken)
+    after = pulled_in(still.lobes, taken, frame.repeated(count), width_min)
+    onwards = lobe_images.images(after, frame.places)
+    radiance = torch.cat([still.radiance, onwards.radiance])
+    value = objective.value(radiance, frame.repeated(2 * count))
+    still_best, after_best = value.view(2, -1).argmin(-1, keepdim=True)
+    pair = lobe_images.joined(still[still_best], onwards[after_best])
+    lit = light.relight(pair, frame.repeated(2))
+    as_it_was = float(value[0])
+    value = objective.value(lit.radiance, frame.repeated(2))
+    damping = torch.full_like(value, DAMPING_START)
+    return newton.Outcome(lit.lobes, value, damping, lit).best(), as_it_was
+
+
+def _at(lobes: Lobes, axis_z: Tensor) -> Lobes:
+    """Turn lobes the shortest way.  axis_z: [..., N, 3]; result [..., N, .]."""
+    batch = axis_z.shape[:-2]
+    return Lobes(
+        parallel_transport(lobes.axes.expand(*batch, *lobes.axes.shape), axis_z),
+        lobes.sharpness.expand(*batch, *lobes.sharpness.shape),
+        lobes.amplitude.expand(*batch, *lobes.amplitude.shape),
+        lobes.form,
+    )
+
+
+def onward(before: Lobes, earlier: Lobes) -> Tensor:
+    """Return where lobes are that turn on as they did.
+
+    A lobe that is new turns with the one that it is near to: lobes on one lamp move together.
+
+    Args:
+        before: The frame before.  [N, .]
+        earlier: The frame before that.  [N, .]
+
+    Returns:
+        Their axes z.  [N, 3]
+    """
+    known = ~temporal.is_dark(earlier)
+    beside, is_near = nearest(before, known)
+    own = torch.arange(before.count, device=beside.device)
+    leader = torch.where(known | ~is_near, own, beside)
+    turned = _turned(before.axis_z, earlier.axis_z[leader], before.axis_z[leader])
+    return torch.where((known | is_near)[:, None], turned, before.axis_z)
+
+
+def _turned(directions: Tensor, start: Tensor, end: Tensor) -> Tensor:
+    """Turn directions as from a start to an end on its great circle.  [N, 3] each."""
+    axis = torch.linalg.cross(start, end)
+    across = torch.linalg.cross(axis, directions)
+    cosine = (start * end).sum(-1, keepdim=True)
+    # Rodrigues' formula without the angle; opposite ends have no shortest way, and stay
+    again = torch.linalg.cross(axis, across) / (1 + cosine).clamp(min=1e-6)
+    return torch.nn.functional.normalize(directions + across + again, dim=-1)
+
+
+def _within_reach(exposure: float, previous: Lobes) -> float:
+    """Return the unit of the frame's radiance for the lobes before it.
+
+    After a jump of more than ten stops they are taken in units of their own flux instead: they say
+    where the light was, not how much, and float32 squares stay finite.
+    """
+    own = float(asg.flux(previous).sum()) / (12 * math.pi)
+    return exposure if 2**-10 < own / exposure < 2**10 else own
+
+
+def _scaled(lobes: Lobes, factor: float) -> Lobes:
+    return Lobes(lobes.axes, lobes.sharpness, lobes.amplitude * factor, lobes.form)

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Relocation: the lobe that a frame needs least goes to where one more is needed.
+
+Steps go downhill, so lobes keep the lamps that they have. A lamp that comes into sight, is switched
+on or comes near needs more of them. Candidates are one half of the lobe that most of J lies on
+(regroup.py), and the direction in which the sharpest probe lacks most light. A few steps of each on
+few cells tell whether J falls by enough [in the spirit of split-and-merge EM, Ueda et al. 2000].
+
+A relocated lobe is another light: it takes a track that is dark, and its own track fades where it
+was (slots.py).
+"""
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from asglight.fitting.first_frame import regroup
+from asglight.fitting.following.trials import Effort, compete
+from asglight.fitting.loss import lobe_images, objective, temporal
+from asglight.fitting.loss.leaves import to_cells
+from asglight.fitting.loss.probes import PROBES, directions, probe, split
+from asglight.fitting.steps import newton
+from asglight.lobes import Lobes
+from asglight.lobes.data import joined, stack
+from asglight.lobes.frames import axes_around
+
+LACKING_SHARE = 5e-3
+"""Filtered radiance lacking in a direction, over the largest there is, from which it is tried."""
+
+SHARPNESS = 60.0
+"""Of a lobe put there: sigma = 5 degrees, about the probe that found the direction."""
+
+
+@dataclass(frozen=True)
+class Relocation:
+    """How much is spent on relocating lobes in a frame.
+
+    Attributes:
+        rounds: Lobes relocated, at most.
+        trial: Steps of each trial, and the lobes that take them.
+        splits: Halves that compete in a round.
+        cost: What a light that begins or ends costs: a trial must lower J by more. Under a slow sky
+            a tenth of it lets lights come and go for nothing that is seen, and flicker.
+        gain: Share of J by which it must lower J as well: under noise J is large, and all trials
+            gain something.
+        loss: J from which relocation is tried: slow skies and rooms stay below.
+    """
+
+    rounds: int
+    trial: Effort
+    splits: int = 2
+    cost: float = 0.002
+    gain: float = 0.02
+    loss: float = 0.02
+
+
+def relocated(
+    start: newton.Outcome,
+    frame: objective.Target,
+    count: int,
+    room: int,
+    width_min: float,
+    settings: Relocation,
+) -> tuple[Lobes, Tensor]:
+    """Relocate lobes one by one, while that gains enough.
+
+    Args:
+        start: Lit lobes.  F = 1
+        frame: The map on few cells.
+        count: Lobes lit at most.
+        room: New lobes at most: tracks that are free.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+        settings: How much is spent.
+
+    Returns:
+        All lobes [N', .], the new ones last, and which of them stay lit [N'].
+    """
+    best = start.lobes[0]
+    stays = ~temporal.is_dark(best)
+    for _ in range(min(settings.rounds, room)):
+        lit = torch.nonzero(stays).flatten()
+        own = best.select(lit)
+        gone, trials = _trials(own, frame, len(lit) >= count, width_min, settings.splits)
+        found, value = compete(
+            stack([joined(own, _black_like(own)), *trials]),
+            [own.count] * (1 + len(trials)),
+            frame,
+            settings.trial,
+            width_min=width_min,
+            damping=start.damping,
+        )
+        stayed = float(value[0])
+        if float(value[1:].min()) > stayed - max(settings.cost, settings.gain * stayed):
+            break
+        others, new = found[int(value.argmin())].split(own.count)
+        best = joined(best.replaced(lit, others), new)
+        stays = torch.cat([stays, torch.ones_like(stays[:1])])
+        if gone is not None:
+            stays[lit[gone]] = False
+    return best, stays
+
+
+def _trials(
+    lobes: Lobes, frame: objective.Target, full: bool, width_min: float, splits: int
+) -> tuple[int | None, list[Lobes]]:
+    """Return which lobe goes, if one must, and the lobes with one more in each candidate place.
+
+    Args:
+        lobes: Lit lobes.  [N, .]
+        frame: The map on few cells.
+        full: Whether no more may be lit.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+        splits: Halves among the candidates.
+
+    Returns:
+        The index of the lobe that goes, which is black in all candidates, and these [N + 1, .].
+    """
+    gone = None
+    if full:
+        shown = lobe_images.images(lobes[None], frame.places)
+        costs, filled = regroup.absences(shown, frame)
+        gone = int(costs.argmin())
+        lobes = regroup.without(gone, lobes, filled, width_min)
+    new = lobes.count
+    lobes = joined(lobes, _black_like(lobes))
+    shown = lobe_images.images(lobes[None], frame.places)
+    costs = torch.full((lobes.count,), torch.inf)
+    costs[new] = 0.0
+    halves = [each for each in regroup.ordered(shown, frame, costs) if each.lobe != gone]
+    trials = [regroup.halved(lobes, *each) for each in halves[:splits]]
+    there = placed(lobes, new, shown, frame)
+    return gone, trials if there is None else [*trials, there]
+
+
+def placed(
+    lobes: Lobes, index: int, seen: lobe_images.Images, frame: objective.Target
+) -> Lobes | None:
+    """Put a lobe where the sharpest probe lacks most light; None where nothing lacks.
+
+    Args:
+        lobes: All lobes, that one dark.  [N, .]
+        index: Which.
+        seen: What they show.
+        frame: The map and its weights.
+    """
+    sharpest, rows = PROBES[-1], frame.places.rows
+    wanted = split(probe(to_cells(frame.radiance, frame.places), rows), rows)[-1][0]  # [3, D]
+    shown = split(probe(to_cells(seen.radiance, frame.places), rows), rows)[-1][0]
+    lacking = wanted - shown
+    place = int(lacking.sum(0).argmax())
+    if float(lacking[:, place].sum()) < LACKING_SHARE * float(wanted.sum(0).max()):
+        return None
+    direction = directions(sharpest, rows).to(wanted)[place]
+    own = torch.tensor([index])
+    return lobes.replaced(
+        own,
+        Lobes(
+            axes_around(direction)[None],
+            torch.full_like(lobes.sharpness[:1], SHARPNESS),
+            lacking[None, :, place].clamp(min=0),
+            lobes.form,
+        ),
+    )
+
+
+def _black_like(lobes: Lobes) -> Lobes:
+    """Return one black lobe.  [1, .]."""
+    one = lobes.select(torch.tensor([0]))
+    return replace(one, amplitude=torch.zeros_like(one.amplitude))

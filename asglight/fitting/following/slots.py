@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tracks as slots: a shot with N lobes has 2 N tracks, and at most N of them are lit in a frame.
+
+A light that ends in one frame and another that begins in the next are two tracks, so that between
+the frames one fades out where it was and the other fades in where it is. A track that is dark for
+two frames is free: in the first of them it ends its old path, in the second it begins a new one
+(`lobes.fading`). Tracks that are never lit are left out, so a still scene has N.
+"""
+
+import torch
+from torch import Tensor
+
+from asglight.fitting.first_frame.fit import dark_lobes
+from asglight.fitting.loss import temporal
+from asglight.fitting.options import TRACKS_PER_LOBE
+from asglight.lobes import Lobes, asg
+from asglight.lobes.data import joined
+
+
+def with_spare_tracks(lobes: Lobes) -> Lobes:
+    """Return the lobes of a first frame with as many dark tracks.  [N, .] -> [2 N, .]."""
+    spare = (TRACKS_PER_LOBE - 1) * lobes.count
+    return joined(lobes, dark_lobes(spare, lobes.form, lobes.axes))
+
+
+def free_tracks(before: Lobes, earlier: Lobes | None) -> Tensor:
+    """Tell which tracks were dark in both frames before this one.  [2 N]."""
+    dark = temporal.is_dark(before)
+    return dark if earlier is None else dark & temporal.is_dark(earlier)
+
+
+def track_for(lobe: Lobes, free: Tensor, dark: Tensor, before: Lobes) -> int:
+    """Return the track that a new light takes: a dark one that was lit there, or a free one.
+
+    A lamp that is off for a frame comes back in its own track, for that does not have to move.
+
+    Args:
+        lobe: The light.  [1, .]
+        free: Which tracks are free; at least one.  [2 N]
+        dark: Which were dark in the frame before.  [2 N]
+        before: Where the tracks were.  [2 N, .]
+    """
+    turned = torch.acos((before.axis_z @ lobe.axis_z[0]).clamp(-1, 1))
+    turned = torch.where(dark, turned, torch.inf)
+    nearest = int(turned.argmin())
+    if float(turned[nearest]) < float(sigma(lobe)[0]):
+        return nearest
+    return int(torch.nonzero(free).flatten()[0])
+
+
+def sigma(lobes: Lobes) -> Tensor:
+    """Return the width along the longer axis, radians, at most 1.  [..., N]."""
+    return (asg.per_variance(lobes.form) * lobes.sharpness.amin(-1)).rsqrt().clamp(max=1.0)
+
+
+def afresh(fresh: Lobes, before: Lobes, free: Tensor) -> list[int]:
+    """Return the tracks of lobes that were fitted from nothing.
+
+    One that stands where a lit track was, within its own width, is the same light. The others take
+    tracks that are free, then those that are dark, then any.
+
+    Args:
+        fresh: The lobes.  [N, .]
+        before: The tracks one frame before.  [2 N, .]
+        free: Which are free.  [2 N]
+    """
+    from scipy.optimize import linear_sum_assignment  # half a second, for cuts alone
+
+    dark = temporal.is_dark(before)
+    turned = torch.acos((fresh.axis_z @ before.axis_z.mT).clamp(-1, 1))
+    near = (turned < sigma(fresh)[:, None]) & ~dark
+    # a light that is the same costs its turn, in widths; one that is free less than one in use
+    cost = torch.where(
+        near, turned / sigma(fresh)[:, None], 2.0 + (~free).float() + (~dark).float()
+    )
+    cost = cost + 1e-6 * torch.arange(before.count)
+    return linear_sum_assignment(cost.cpu().double().numpy())[1].tolist()

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trials: one lobe in several places competes for a frame, a few steps each, on few leaves.
+
+Whether a place is worth a lobe is settled between it and the few lobes whose light lies there. In a
+trial with companions only these take steps, and the light of all others is held: J of all is J of
+the few against what the others leave of the map (objective.less), and a step of four lobes costs
+half of one of 15.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.steps import newton
+from asglight.lobes import Lobes
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is spent on a trial.
+
+    Attributes:
+        steps: Steps tried.
+        companions: Lobes that take them beside the one in question; None for all.
+    """
+
+    steps: int
+    companions: int | None = None
+
+
+THOROUGH = Effort(4)
+"""For a trial only has to tell that J will be lower. With three companions `fast` follows lamps in
+a tunnel in three quarters of the time, but flickers by a quarter more."""
+
+
+def compete(
+    trials: Lobes,
+    indices: Sequence[int],
+    frame: objective.Target,
+    effort: Effort,
+    *,
+    width_min: float,
+    damping: Tensor | float = newton.DAMPING_START,
+) -> tuple[Lobes, Tensor]:
+    """Take steps from each trial.
+
+    Args:
+        trials: Two or more; the first is the lobes as they are.  [F, N, .]
+        indices: The lobe that each trial is about; of the first, that which shall stay as it is.
+        frame: The map on few leaves.  F = 1
+        effort: How much is spent.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+        damping: First damping.  [1]
+
+    Returns:
+        The lobes after their steps [F, N, .] and J of each trial [F].
+    """
+    many = frame.repeated(len(indices))
+    if effort.companions is None or effort.companions + 1 >= trials.count:
+        found = newton.minimise(trials, many, effort.steps, damping=damping, width_min=width_min)
+        return found.lobes, found.value
+    shown = lobe_images.images(trials, many.places)
+    each = torch.arange(len(indices), device=trials.axes.device)[:, None]
+    moving = each, _together(shown, many, indices, effort.companions + 1)
+    some = shown.light[moving].mT @ shown.values[moving]
+    found = newton.minimise(
+        _of(trials, moving),
+        objective.less(many, shown.radiance - some),
+        effort.steps,
+        damping=damping,
+        width_min=width_min,
+    )
+    result = trials.clone()
+    result.axes[moving], result.sharpness[moving] = found.lobes.axes, found.lobes.sharpness
+    result.amplitude[moving] = found.lobes.amplitude
+    return result, found.value
+
+
+def _together(
+    shown: lobe_images.Images, frame: objective.Target, indices: Sequence[int], count: int
+) -> Tensor:
+    """Return in each trial the lobe in question and those whose light lies most where it does.
+
+    Where it does in any of the trials: all of them are judged on about the same lobes.
+
+    Returns:
+        Ascending indices.  [F, count]
+    """
+    sent = shown.light.sum(-1, keepdim=True) * shown.values * frame.places.share.sqrt()[:, None]
+    norm = sent.norm(dim=-1, keepdim=True).clamp(min=torch.finfo(sent.dtype).tiny)
+    own = torch.tensor(indices, device=sent.device)
+    rows = torch.arange(len(own), device=sent.device)
+    there = sent[rows[1:], own[1:]].sum(0)
+    alike = (sent / norm) @ there  # [F, N], over the norm of `there`, which is the same for all
+    alike[rows, own] = torch.inf
+    return alike.topk(count, dim=-1).indices.sort(-1).values
+
+
+def _of(lobes: Lobes, index: tuple[Tensor, Tensor]) -> Lobes:
+    """Return some lobes of each frame, others in each.  [F, N, .] -> [F, K, .]."""
+    return Lobes(lobes.axes[index], lobes.sharpness[index], lobes.amplitude[index], lobes.form)

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The linear part of the fit: the light of lobes whose shapes are held."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from asglight.fitting import compiled
+from asglight.fitting.loss import leaves, objective
+from asglight.fitting.loss.lobe_images import Images
+from asglight.fitting.loss.objective import Corners
+from asglight.fitting.loss.probes import probe, tables
+from asglight.fitting.steps import newton
+from asglight.fitting.steps.non_negative import non_negative_least_squares
+
+CORNERS = Corners(0.1, 0.002)
+"""phi's corners of a fit's last solution: what it can mend of what balls show."""
+
+RIDGE = 1e-5
+"""Of the unit diagonal of the amplitudes' Gram matrix: above the rounding of float32 images."""
+
+
+def last(shown: Images, frame: objective.Target, still: Tensor | None = None) -> Images:
+    """Return a fit with the last solution for its light, under `CORNERS`.
+
+    Args:
+        shown: The lobes on the leaves.
+        frame: The maps.
+        still: Which lobes keep their light.  [F, N]
+    """
+    return relight(shown, replace(frame, corners=CORNERS), still)
+
+
+def relit(found: newton.Outcome, frame: objective.Target) -> Images:
+    """Return lobes that took their steps with the last solution for their light.
+
+    Args:
+        found: The lobes.
+        frame: The maps.
+    """
+    assert found.shown is not None  # of lobes that took steps
+    return last(found.shown, frame)
+
+
+def relight(shown: Images, frame: objective.Target, still: Tensor | None = None) -> Images:
+    """Solve for the amplitudes alone, shapes held: the linear part of the problem.
+
+    It is a non-negative least squares problem of the reweighted normal equations for each channel
+    [Lawson and Hanson 1974].
+
+    Args:
+        shown: The lobes on the leaves.
+        frame: The maps and their weights.
+        still: Which lobes keep their light.  [F, N]
+    """
+    amplitude = shown.lobes.amplitude
+    near = amplitude.double()
+    gram, slope = _normal_equations(shown, frame)
+    right = gram @ near - slope  # the minimum lies where the slope at the amplitudes is undone
+    free = torch.ones_like(shown.scale, dtype=torch.bool) if still is None else ~still
+    # solved here, and brought here at once
+    systems = zip(*(each.cpu() for each in (gram, right, near, free)), strict=True)
+    solved = [_solved(*one) for one in systems]
+    lobes = replace(shown.lobes, amplitude=torch.stack(solved).to(amplitude))
+    return replace(shown, lobes=lobes)
+
+
+def absences(shown: Images, frame: objective.Target) -> Tensor:
+    """Return how much J grows, to second order, when a lobe goes and others' light makes up for it.
+
+    Args:
+        shown: The lobes on the leaves.
+        frame: The maps and their weights.
+
+    Returns:
+        a_i^2 / (2 (G^-1)_ii), channels summed [Hassibi and Stork 1993].  [F, N]
+    """
+    gram, _ = _normal_equations(shown, frame)
+    scale = torch.diagonal(gram, dim1=-2, dim2=-1).clamp(min=1e-300).rsqrt()
+    scaled = gram * scale[..., :, None] * scale[..., None, :]
+    ridged = scaled + RIDGE * torch.eye(scaled.shape[-1]).to(scaled)
+    alone = torch.diagonal(torch.linalg.inv(ridged), dim1=-2, dim2=-1) * scale.square()
+    return 0.5 * shown.lobes.amplitude.double().square().sum(-1) / alone
+
+
+def _normal_equations(shown: Images, frame: objective.Target) -> tuple[Tensor, Tensor]:
+    """Return the Gauss-Newton matrix of the light of any channel, and J's slope, in float64.
+
+    Args:
+        shown: The lobes on the leaves.
+        frame: The maps and their weights.
+
+    Returns:
+        A W A^T [F, N, N], A the images of lobes of unit light and what materials show of them, and
+        dJ / d amplitude [F, N, 3].
+    """
+    if compiled.serves(shown.lobes, frame.places):
+        laid = frame.places.compiled, frame.compiled, tables(frame.places.rows)
+        return compiled.light(shown, *laid)
+    values = shown.values * shown.scale[..., None]
+    views = probe(leaves.to_cells(values, frame.places), frame.places.rows)
+    misfit = objective.misfit(shown.lobes.amplitude.mT @ values, frame)
+    gram = _weighted_gram(values, misfit.env_weight) + _weighted_gram(views, misfit.view_weight)
+    return gram, values.double() @ misfit.slope.mT.double()
+
+
+def _weighted_gram(images: Tensor, weight: Tensor) -> Tensor:
+    """Return A W A^T in float64: lobes that coincide keep equal rows, whatever the order of sums.
+
+    Args:
+        images: A.  [F, N, P]
+        weight: The diagonal of W.  [F, P]
+    """
+    rooted = (images * weight.sqrt()[:, None]).double()
+    return rooted @ rooted.mT
+
+
+def _solved(gram: Tensor, right: Tensor, near: Tensor, free: Tensor) -> Tensor:
+    """Minimise a^T G a / 2 - a^T b over what is free of a, which stays at or above 0.
+
+    Args:
+        gram: G.  [N, N]
+        right: b.  [N, 3]
+        near: The amplitudes so far.  [N, 3]
+        free: Which may change.  [N]
+    """
+    if bool(free.all()):
+        return _non_negative(gram, right, near)
+    found = near.clone()
+    if bool(free.any()):
+        rest = right[free] - gram[free][:, ~free] @ near[~free]
+        found[free] = _non_negative(gram[free][:, free], rest, near[free])
+    return found
+
+
+def _non_negative(gram: Tensor, right: Tensor, near: Tensor) -> Tensor:
+    """Minimise a^T G a / 2 - a^T b over a >= 0 for each channel, near to where a was.
+
+    Lobes that coincide share a change evenly: the ridge, which pulls towards `near`, is as large
+    as the rounding of images in float32, and grows where that is not enough.
+
+    Args:
+        gram: G.  [N, N]
+        right: b.  [N, 3]
+        near: The amplitudes so far.  [N, 3]
+    """
+    matrix, wanted, before = (each.cpu().numpy() for each in (gram, right, near))
+    scale = 1 / np.sqrt(matrix.diagonal().clip(min=1e-300))  # to unit diagonal
+    scaled = matrix * scale[:, None] * scale
+    ridge = RIDGE
+    while not _is_definite(ridged := scaled + ridge * np.eye(len(scaled))):
+        ridge *= 10
+        if ridge > 1:
+            return near.clone()
+    pulled = wanted * scale[:, None] + ridge * before / scale[:, None]
+    solved = [non_negative_least_squares(ridged, column) for column in pulled.T]
+    return torch.from_numpy(np.stack(solved, axis=-1) * scale[:, None]).to(gram)
+
+
+def _is_definite(matrix: np.ndarray) -> bool:
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True

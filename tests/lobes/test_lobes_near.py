@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which lobes are on one lamp."""
+
+import math
+
+import pytest
+import torch
+
+from asglight.lobes import Lobes
+from asglight.lobes.frames import axes_around
+from asglight.lobes.near import nearest
+
+
+def on_the_horizon(degrees: list[float], sharpness: float) -> Lobes:
+    angle = torch.deg2rad(torch.tensor(degrees))
+    axis_z = torch.stack([angle.sin(), torch.zeros_like(angle), angle.cos()], -1)
+    count = len(degrees)
+    return Lobes(axes_around(axis_z), torch.full((count, 2), sharpness), torch.ones(count, 3))
+
+
+def test_the_nearest_of_those_asked_for_is_found_and_told_whether_it_is_near() -> None:
+    """Widths are 1 / sqrt(2 s): 7.4 degrees of s = 30."""
+    sigma = math.degrees(1 / math.sqrt(60))
+    lobes = on_the_horizon([0.0, 1.9 * sigma, 4.0 * sigma], 30.0)
+    index, is_near = nearest(lobes, torch.ones(3, dtype=torch.bool))
+    assert index.tolist() == [1, 0, 1]
+    assert is_near.tolist() == [True, True, False]
+    index, is_near = nearest(lobes, torch.tensor([True, False, True]))
+    assert (int(index[1]), bool(is_near[1])) == (0, True)
+    assert not bool(is_near[0])
+
+
+def test_broad_lobes_are_near_within_twenty_degrees_each() -> None:
+    lobes = on_the_horizon([0.0, 39.0, 80.5], 0.1)
+    _, is_near = nearest(lobes, torch.ones(3, dtype=torch.bool))
+    assert is_near.tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_where_none_may_be_it_none_is_near(count: int) -> None:
+    lobes = on_the_horizon([0.0] * count, 30.0)
+    _, is_near = nearest(lobes, torch.zeros(count, dtype=torch.bool))
+    assert not bool(is_near.any())
