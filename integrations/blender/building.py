@@ -151,8 +151,9 @@ def _group(
 ) -> None:
     """Bring the empty of a lobe or key, and its lights, up to date; take these out of `lights`."""
     empty[PRIM] = path
+    if empty.get(UNLIT) != (not lamps):  # else what is hidden is the user's
+        empty.hide_viewport = empty.hide_render = not lamps
     empty[UNLIT] = not lamps
-    empty.hide_viewport = empty.hide_render = not lamps
     if lamps and GAIN not in empty:
         empty[GAIN] = 1.0
         empty.id_properties_ui(GAIN).update(

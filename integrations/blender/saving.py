@@ -141,9 +141,14 @@ def _moment(light: bpy.types.Object, back: object, scale: float, strength: float
         value /= math.pi * (metres.prod() if data.normalize else 1.0)
     else:
         size = np.degrees([data.angle])
-    hidden = light.hide_render or (light.parent is not None and light.parent.hide_render)
     position = np.array(place.translation) / scale
-    return value / strength * colour, size, not hidden, position, np.array(place.to_quaternion())
+    return (
+        value / strength * colour,
+        size,
+        not light.hide_render,
+        position,
+        np.array(place.to_quaternion()),
+    )
 
 
 def _domes(scene: bpy.types.Scene, rig: bpy.types.Object, strength: float) -> dict[str, Moment]:

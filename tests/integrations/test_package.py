@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import asglight
 from integrations import package
 
 ABSENT = {"socket", "urllib", "http", "requests", "ssl", "torch", "asglight", "OpenEXR"}
@@ -32,6 +33,9 @@ def test_the_zip_holds_the_extension_and_its_licence(
     assert manifest["license"] == ["SPDX:GPL-3.0-or-later"]
     assert "network" not in manifest["permissions"]
     assert all(not words.endswith(".") for words in manifest["permissions"].values())
+    assert manifest["version"] == asglight.__version__
+    makefile = (package.FOLDER.parents[1] / "Makefile").read_text()
+    assert f"EXTENSION = dist/{path.name}\n" in makefile
     assert "def register()" in init
     assert "def unregister()" in init
 
