@@ -6,8 +6,9 @@ BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 SEQUENCES2X ?= ../shared/sequences2x
+EXTENSION = dist/asglight-blender-0.1.0.zip
 
-.PHONY: help setup setup-dcc demo pictures bench bench-fit bench-motion bench-command gpu figures stress soak test test-fast test-usd test-dcc test-dcc-short \
+.PHONY: help setup setup-dcc blender-extension test-blender blender-pictures demo pictures bench bench-fit bench-motion bench-command gpu figures stress soak test test-fast test-usd test-dcc test-dcc-short \
   test-ball-truth dcc-picture lint format clean
 
 help:            ## list the targets
@@ -77,11 +78,23 @@ setup-dcc: .venv-dcc/.ready  ## Blender and Mitsuba, in an environment of their 
 .venv-dcc/.ready: dcc/requirements.txt .ci/renderers
 	@PYTHON=$(PYTHON) sh .ci/renderers
 
-test-dcc: setup setup-dcc  ## stages of SEQUENCES in Blender and Mitsuba: tables, JSON (dcc-output/)
+blender-extension: setup  ## the zip that Blender installs (dist/)
+	$(BIN)/python -m integrations.package -o dist
+
+test-blender: setup setup-dcc blender-extension  ## shots of SEQUENCES in Blender through the extension (dcc-output/moving)
+	$(BIN)/python -m pytest tests/integrations -m 'blender or not slow'
+	$(BIN)/python -m dcc.moving.measure --sequences "$(SEQUENCES)" --zip $(EXTENSION) -o dcc-output/moving
+
+blender-pictures: setup setup-dcc blender-extension  ## a moving shot in Blender beside its HDRI (docs/images/blender-day.png)
+	$(BIN)/python -m dcc.moving.picture --sequences "$(SEQUENCES)" --zip $(EXTENSION) -o docs/images/blender-day.png
+
+test-dcc: setup setup-dcc test-blender  ## stages of SEQUENCES in Blender and Mitsuba: tables, JSON (dcc-output/)
 	$(BIN)/python -m dcc.measure --sequences "$(SEQUENCES)" -o dcc-output
 
-test-dcc-short: setup setup-dcc  ## the same on one frame of the built-in sky, Blender only
+test-dcc-short: setup setup-dcc blender-extension  ## the same on the built-in sky, Blender only
 	$(BIN)/python -m dcc.measure --short --size 12 --samples 1536 -o dcc-output/short
+	$(BIN)/python -m pytest tests/integrations -m blender
+	$(BIN)/python -m dcc.moving.measure --short --size 12 --samples 512 --zip $(EXTENSION) -o dcc-output/short-moving
 
 test-ball-truth: setup setup-dcc  ## what judges balls, and draws them, against Mitsuba: two tables
 	$(BIN)/python -m dcc.ball_truth

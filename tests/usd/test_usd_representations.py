@@ -110,6 +110,23 @@ def test_one_alone_is_plain_prims(representation, tmp_path):
             assert name in spec.attributes
 
 
+@pytest.mark.parametrize("names", SUBSETS, ids=",".join)
+def test_ops_are_declared_where_they_are_ordered(names, tmp_path):
+    layer = Sdf.Layer.FindOrOpen(str(written(tmp_path, names)))
+    ordered = []
+
+    def look(path: Sdf.Path) -> None:
+        if path.name == "xformOpOrder":
+            ordered.append(path)
+
+    layer.Traverse("/", look)
+    assert ordered
+    for path in ordered:
+        prim = layer.GetPrimAtPath(path.GetPrimOrPrimVariantSelectionPath())
+        ops = layer.GetAttributeAtPath(path).default
+        assert set(ops) <= set(prim.attributes.keys()), path
+
+
 def test_the_order_of_names_decides_the_selection_only(tmp_path):
     for stem, names in (("a", ("cards", "dome")), ("b", ("dome", "cards"))):
         (tmp_path / stem).mkdir()

@@ -274,10 +274,16 @@ def _author_lights(
     names: Sequence[str],
     lights: Sequence[TimedLights],
 ) -> None:
-    """Author the lights of every lobe; a lobe without one is data."""
+    """Author the lights of every lobe; a lobe without one is data.
+
+    In a variant a lobe says once more that it has the op that it orders, without a value: readers
+    that look at a prim before they compose it find the op there.
+    """
     scope = _child(holder, schema.LOBES)
     for name, (own, times) in zip(names, lights, strict=True):
         lobe = _child(scope, name)
+        if lobe.specifier == Sdf.SpecifierOver:
+            Sdf.AttributeSpec(lobe, schema.ORIENT, schema.VALUE_TYPES[schema.ORIENT])
         if not any(light.name == "" for light in own):
             lobe.typeName = "Xform"
             constant(lobe, schema.OP_ORDER, [schema.ORIENT])
