@@ -416,7 +416,7 @@
       colour.style.background = flux[lobe] > 0 ? hue(data.lobes.subarray(from, from + 3)) : "#000";
       share.textContent = flux[lobe] > 0 ? `${(100 * flux[lobe] / total).toFixed(1)} %` : "dark";
       const [x, y] = shot.width[place].slice(2 * lobe, 2 * lobe + 2);
-      size.textContent = flux[lobe] > 0 ? `${(2 * Math.sqrt(x * y)).toPrecision(2)}\u00B0` : "";
+      size.textContent = flux[lobe] > 0 ? degrees(2 * Math.sqrt(x * y)) : "";
       button.classList.toggle("dark", !(flux[lobe] > 0) || !isShown(lobe));
       button.setAttribute("aria-pressed", state.solo.has(lobe));
     });
@@ -428,6 +428,8 @@
       });
     }
   }
+
+  const degrees = (angle) => `${angle < 10 ? angle.toPrecision(2) : Math.round(angle)}\u00B0`;
 
   // Return the colour of a light without its strength.
   function hue(light) {
