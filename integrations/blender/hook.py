@@ -37,6 +37,9 @@ class ASGLIGHT_USD_hook(bpy.types.USDHook):  # noqa: N801 - Blender's way to nam
         warned = Warned()
         path = stage.GetRootLayer().realPath
         for rig in found:
+            blocks = [one for lamp in rig.lamps for one in by_path.get(lamp.path, ())]
+            if rig.lamps and not any(isinstance(one, bpy.types.Light) for one in blocks):
+                continue  # imported without lights
             for lamp in rig.lamps:
                 for block in by_path.get(lamp.path, ()):
                     if isinstance(block, bpy.types.Light):
