@@ -7,7 +7,16 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn
 
 from asglight.cli import printing, progress
 from asglight.images import Repair
-from asglight.shots.events import Farmed, FrameDone, Notice, Prerolled, Refined, Started, StepDone
+from asglight.shots.events import (
+    Farmed,
+    FrameDone,
+    Keyed,
+    Notice,
+    Prerolled,
+    Refined,
+    Started,
+    StepDone,
+)
 
 FRAME = FrameDone(1001, 1, 48, 0.412, 1e-4, 0.4, 18.8, Repair(negative=3))
 
@@ -80,6 +89,10 @@ def test_a_long_preroll_gives_a_line_now_and_then(
         now[0] += 1.0
         lines(Prerolled(done, 240))
     assert capsys.readouterr().err.splitlines() == ["preroll 30/240", "preroll 60/240"]
+    for done in range(1, 51):
+        now[0] += 1.0
+        lines(Keyed("cutting keys", done, 240))
+    assert capsys.readouterr().err.splitlines() == ["cutting keys 20/240", "cutting keys 50/240"]
 
 
 def bar_on(screen: io.StringIO) -> Progress:
@@ -100,6 +113,8 @@ def test_the_bar_shows_a_preroll_and_a_farm() -> None:
         bar(Started(20, 0))
         bar(Prerolled(1, 14))
         bar(Prerolled(2, 14))
+        bar(Keyed("looking for lamps", 3, 17))
+        bar(Keyed("looking for lamps", 5, 17))
         shown.refresh()
         farm = progress.Bar(shown)
         farm(Farmed(3, 96, None))
@@ -107,6 +122,8 @@ def test_the_bar_shows_a_preroll_and_a_farm() -> None:
         shown.refresh()
     text = screen.getvalue()
     assert " 2/14" in text
+    assert "looking for lamps" in text
+    assert " 5/17" in text
     assert " 4/96" in text
     assert "4 of 96 frames, 9.0 s left" in text
 
