@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
-from asglight.judging.charts import panel_grid, plain_numbers
-from asglight.judging.layout import FAINT, LINE, TEXT, save, sheet
+from asglight.judging.pictures.charts import panel_grid, plain_numbers
+from asglight.judging.pictures.layout import FAINT, LINE, TEXT, save, sheet
 
 LOOKS = {
     "em": ("#9a9b9d", "D"),

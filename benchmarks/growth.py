@@ -20,9 +20,9 @@ from torch import Tensor
 from asglight.cli.progress import reporter
 from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import read_latlong
-from asglight.judging import bench_scaling
-from asglight.judging.bench_plan import Effort, Plan, plan_of
-from asglight.judging.compare import Follow
+from asglight.judging.bench import scaling as bench_scaling
+from asglight.judging.bench.plan import Effort, Plan, plan_of
+from asglight.judging.compare.maps import Follow
 
 Account = dict[str, Any]
 

@@ -21,12 +21,12 @@ from asglight.fitting.options import FIT_HEIGHT, FitOptions
 from asglight.fitting.sequence import fit_frame
 from asglight.images import read_latlong
 from asglight.judging import keyed
-from asglight.judging.display import ball_exposure_stops, exposure_stops, view_transform
-from asglight.judging.figures import cut_out, show
-from asglight.judging.layout import FAINT, TEXT, Grid, save, sheet
+from asglight.judging.compare.spheres import SPHERES, render
 from asglight.judging.metrics import maps_errors
-from asglight.judging.outlines import colour, segments
-from asglight.judging.spheres import SPHERES, render
+from asglight.judging.pictures.display import ball_exposure_stops, exposure_stops, view_transform
+from asglight.judging.pictures.figures import cut_out, show
+from asglight.judging.pictures.layout import FAINT, TEXT, Grid, save, sheet
+from asglight.judging.pictures.outlines import colour, segments
 from asglight.keys.rectangles import Card
 from asglight.lobes import texels
 

@@ -27,11 +27,11 @@ from asglight.fitting.paper import fit as paper
 from asglight.fitting.paper.losses import Loss
 from asglight.fitting.sequence import fit_frame
 from asglight.images import read_latlong
-from asglight.judging import methods
-from asglight.judging.compare import FLOATS
-from asglight.judging.methods import METHODS, Task
+from asglight.judging.compare import methods
+from asglight.judging.compare.maps import FLOATS
+from asglight.judging.compare.methods import METHODS, Task
 from asglight.judging.metrics import METRIC_NAMES, maps_errors
-from asglight.judging.paper_figures import ROWS, STEPS, coarsened
+from asglight.judging.paper_figures.data import ROWS, STEPS, coarsened
 from asglight.lobes import Form, Lobes, texels
 from asglight.threads import one_thread
 

@@ -23,7 +23,7 @@ import torch
 from asglight.fitting.options import FIT_HEIGHT, LOBES
 from asglight.images import read_latlong
 from asglight.judging.metrics import frame_errors
-from asglight.judging.stress_cases import CASES
+from asglight.judging.stress.cases import CASES
 from asglight.lobes import Form, Lobes
 
 ROOT = Path(__file__).resolve().parents[1]

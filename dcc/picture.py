@@ -19,8 +19,8 @@ import torch
 from torch import Tensor
 
 from asglight.errors import InputError
-from asglight.judging.display import luminance, view_transform
-from asglight.judging.layout import BACKGROUND, Grid, save, sheet
+from asglight.judging.pictures.display import luminance, view_transform
+from asglight.judging.pictures.layout import BACKGROUND, Grid, save, sheet
 from asglight.usd import Representation
 from dcc import renderers, scene
 from dcc.blender import DISTANT_FACTOR, ORIGINAL

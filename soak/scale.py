@@ -24,7 +24,7 @@ import torch
 from asglight.fitting.options import FitOptions, Preset
 from asglight.images import read_latlong, write_exr
 from asglight.images.decoding.decoders import APART
-from asglight.judging.memory import Peak, peak_memory
+from asglight.judging.bench.memory import Peak, peak_memory
 from asglight.shots.events import FrameDone
 from asglight.shots.job import fit_shot
 from asglight.usd import read_usd

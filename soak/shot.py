@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-import asglight.cli.fit
+import asglight.cli.commands.fit
 import asglight.usd.write.edit_layer
 import asglight.usd.write.stage_file
 from asglight.cli.main import main
@@ -28,7 +28,7 @@ ROWS = 16
 FRAMES = 6
 OPTIONS = ("--preset", "live", "--lobes", "2", "--dome-height", "8", "--resume")
 
-LOADED = (asglight.cli.fit, asglight.usd.write.edit_layer, asglight.usd.write.stage_file)
+LOADED = (asglight.cli.commands.fit, asglight.usd.write.edit_layer, asglight.usd.write.stage_file)
 """What a run would load by itself, once."""
 
 

@@ -17,7 +17,7 @@ from PIL import Image
 from asglight.cli.progress import Lines
 from asglight.fitting.paper.losses import Loss
 from asglight.images import write_exr
-from asglight.judging.bench_plan import Effort, plan_of
+from asglight.judging.bench.plan import Effort, plan_of
 from asglight.judging.metrics import METRIC_NAMES
 from asglight.lobes import Form
 

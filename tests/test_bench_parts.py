@@ -11,7 +11,7 @@ from bench_scripts import script
 from lobe_cases import sky_and_sun
 
 from asglight.images import write_exr
-from asglight.judging import stress_maps
+from asglight.judging.stress import maps as stress_maps
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import stack
 

@@ -86,7 +86,7 @@ def test_every_room_has_its_rule() -> None:
 
 def test_importing_asglight_loads_neither_usd_nor_a_window() -> None:
     heavy = {"pxr", "moderngl", "imgui_bundle", "distributed", "dask"}
-    code = f"import asglight, asglight.cli.fit, sys; print(*{heavy} & set(sys.modules))"
+    code = f"import asglight, asglight.cli.commands.fit, sys; print(*{heavy} & set(sys.modules))"
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )

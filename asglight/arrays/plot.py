@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from asglight.arrays.light import Light, Time, balls, latlong
 from asglight.errors import InputError
-from asglight.judging import layout
-from asglight.judging.display import ball_exposure_stops, view_transform
-from asglight.judging.outlines import draw_lobes
+from asglight.judging.pictures import layout
+from asglight.judging.pictures.display import ball_exposure_stops, view_transform
+from asglight.judging.pictures.outlines import draw_lobes
 from asglight.lobes import Lobes, LobeTracks, motion
 
 MAP, BALL = (720, 360), 170

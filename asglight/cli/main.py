@@ -40,9 +40,9 @@ COMMANDS = {
     "stress": "measure what becomes of stiff, extreme and broken input",
     "demo": "fit the built-in moving environment and draw what came out",
 }
-_MODULES = {name: f"asglight.cli.{name}" for name in COMMANDS} | {
-    "eval": "asglight.cli.evaluate",  # Python has words of these names
-    "import": "asglight.cli.importing",
+_MODULES = {name: f"asglight.cli.commands.{name}" for name in COMMANDS} | {
+    "eval": "asglight.cli.commands.evaluate",  # Python has words of these names
+    "import": "asglight.cli.commands.importing",
 }
 
 DISK_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the viewer can do: open a window, write a picture, check the shaders.
 
-The command line (`asglight.cli.view`) reads the arguments and says where lobes and images come
-from. The packages that only the viewer needs are loaded here, when they are needed.
+The command line (`cli/commands/view.py`) reads the arguments and says where images come from.
+The packages that only the viewer needs are loaded here, when they are needed.
 """
 
 import contextlib

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
-from asglight.judging.display import exposure_stops, view_transform
 from asglight.judging.motion import between
+from asglight.judging.pictures.display import exposure_stops, view_transform
 from asglight.lobes import Lobes, LobeTracks, motion, texels
 from asglight.sphere import latlong
 

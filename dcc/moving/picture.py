@@ -15,8 +15,8 @@ import numpy as np
 import torch
 
 from asglight.errors import InputError
-from asglight.judging.display import luminance, view_transform
-from asglight.judging.layout import BACKGROUND, Grid, save, sheet
+from asglight.judging.pictures.display import luminance, view_transform
+from asglight.judging.pictures.layout import BACKGROUND, Grid, save, sheet
 from dcc import renderers, shots, stages
 
 ROWS = {

@@ -12,7 +12,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from asglight.cli.main import main
-from asglight.judging import bench, bench_page, bench_plots, layout
+from asglight.judging.bench import page as bench_page
+from asglight.judging.bench import plots as bench_plots
+from asglight.judging.bench import run as bench
+from asglight.judging.pictures import layout
 
 ALL_PICTURES = bench_plots.pictures
 

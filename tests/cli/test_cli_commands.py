@@ -10,7 +10,7 @@ import sky_files
 import torch
 
 from asglight import read_usd
-from asglight.cli import info
+from asglight.cli.commands import info
 from asglight.cli.main import main
 from asglight.images import read_latlong
 from asglight.judging.metrics import METRIC_NAMES, frame_errors

@@ -11,9 +11,9 @@ import torch
 from rich.console import Console
 from torch import Tensor
 
-from asglight.cli import compare
+from asglight.cli.commands import compare
 from asglight.cli.main import main
-from asglight.judging import perceptual, spheres
+from asglight.judging.compare import perceptual, spheres
 from asglight.judging.metrics import METRIC_NAMES
 from asglight.shading.balls import coverage
 

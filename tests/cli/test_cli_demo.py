@@ -8,7 +8,8 @@ import pytest
 from torch import Tensor
 
 from asglight import read_usd
-from asglight.cli import demo, progress
+from asglight.cli import progress
+from asglight.cli.commands import demo
 from asglight.cli.main import main
 from asglight.images import open_sequence
 from asglight.shading import balls

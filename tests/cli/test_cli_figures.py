@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from torch import Tensor
 
-from asglight.cli import built_in, figures
+from asglight.cli import built_in
+from asglight.cli.commands import figures
 from asglight.cli.main import main
-from asglight.judging import paper_figures
+from asglight.judging.paper_figures import data as paper_figures
 from asglight.sky import SkyConfig, radiance
 
 FRAMES = (1001, 1002, 1003)

@@ -18,10 +18,11 @@ import sky_files
 import torch
 from usd_tracks import moving
 
-from asglight.cli import bench, built_in, compare, demo, evaluate, farm, figures, opening, stress
+from asglight.cli import built_in, farm, opening
+from asglight.cli.commands import bench, compare, demo, evaluate, figures, stress
 from asglight.cli.main import COMMANDS, _parser, main
 from asglight.errors import InputError
-from asglight.judging import stress as stress_run
+from asglight.judging.stress import run as stress_run
 from asglight.shots import job
 from asglight.usd import write_usd
 from asglight.usd.check import trust

@@ -69,7 +69,7 @@ def raising(error: BaseException) -> Callable[[object], int]:
 @pytest.fixture
 def info_raises(monkeypatch: pytest.MonkeyPatch) -> Callable[[BaseException], int]:
     """Return a function that runs `asglight info` with an error inside."""
-    from asglight.cli import info
+    from asglight.cli.commands import info
 
     def run(error: BaseException) -> int:
         monkeypatch.setattr(info, "run", raising(error))
@@ -131,7 +131,7 @@ def test_a_bug_is_a_traceback_and_a_request_to_report_it(
 def test_an_interrupted_fit_says_how_to_go_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from asglight.cli import fit
+    from asglight.cli.commands import fit
 
     monkeypatch.setattr(fit, "run", raising(KeyboardInterrupt()))
     assert cli.main(["fit", "a.exr", "-o", "a.usda"]) == 130

@@ -76,7 +76,7 @@ def test_the_session_of_a_stage_loads_no_fitter(stage: Path) -> None:
 
 
 def test_the_options_of_a_fit_load_neither_scipy_nor_usd() -> None:
-    code = "import asglight.cli.fit, sys; print(*sys.modules)"
+    code = "import asglight.cli.commands.fit, sys; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     modules = set(done.stdout.split())
     assert "torch" in modules

@@ -10,9 +10,9 @@ import pytest
 
 from asglight.cli.main import main
 from asglight.errors import InputError
-from asglight.judging import stress
-from asglight.judging.stress import Measured, Result, Tools
-from asglight.judging.stress_case import Case
+from asglight.judging.stress import run as stress
+from asglight.judging.stress.case import Case
+from asglight.judging.stress.run import Measured, Result, Tools
 
 SOME = ("stiff/sharpness-100", "broken/square")
 

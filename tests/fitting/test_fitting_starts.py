@@ -17,7 +17,7 @@ from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.loss.leaves import Leaves
 from asglight.fitting.loss.objective import Corners
 from asglight.fitting.steps import light, newton
-from asglight.judging import stress_maps
+from asglight.judging.stress import maps as stress_maps
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import orthonormal
 

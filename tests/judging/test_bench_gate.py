@@ -10,8 +10,8 @@ import bench_records
 import pytest
 
 from asglight.errors import InputError
-from asglight.judging import bench_gate
-from asglight.judging.bench_plan import CROWDED, Effort, plan_of
+from asglight.judging.bench import gate as bench_gate
+from asglight.judging.bench.plan import CROWDED, Effort, plan_of
 from asglight.judging.metrics import METRIC_NAMES
 
 PATH = Path("base.json")

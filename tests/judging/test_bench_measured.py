@@ -11,8 +11,10 @@ from torch import Tensor
 
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
-from asglight.judging import bench, bench_scaling, bench_still
-from asglight.judging.bench_plan import LOBE_COUNTS, Effort, Plan, plan_of
+from asglight.judging.bench import run as bench
+from asglight.judging.bench import scaling as bench_scaling
+from asglight.judging.bench import still as bench_still
+from asglight.judging.bench.plan import LOBE_COUNTS, Effort, Plan, plan_of
 from asglight.judging.metrics import METRIC_NAMES, frame_errors, sequence_errors
 from asglight.sphere import latlong
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asglight.judging import memory
+from asglight.judging.bench import memory
 
 SIZE = 40_000_000
 """Bytes: far above what the interpreter takes on the way."""

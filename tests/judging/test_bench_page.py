@@ -11,7 +11,10 @@ import matplotlib.image
 import pytest
 from matplotlib.figure import Figure
 
-from asglight.judging import bench_looks, bench_page, bench_plots, charts, layout
+from asglight.judging.bench import looks as bench_looks
+from asglight.judging.bench import page as bench_page
+from asglight.judging.bench import plots as bench_plots
+from asglight.judging.pictures import charts, layout
 
 VOID = {"meta", "link", "br", "img", "hr", "input"}
 """Elements that HTML never closes."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from asglight.judging.power_law import power_law
+from asglight.judging.bench.power_law import power_law
 
 
 @pytest.mark.parametrize("exponent", [-0.5, 0.0, 1.0, 2.5])

@@ -11,8 +11,10 @@ import matplotlib.image
 import pytest
 import torch
 
-from asglight.judging import compare, compare_sheet, methods, perceptual, spheres
-from asglight.judging.methods import METHODS, Task
+from asglight.judging.compare import maps as compare
+from asglight.judging.compare import methods, perceptual, spheres
+from asglight.judging.compare import sheet as compare_sheet
+from asglight.judging.compare.methods import METHODS, Task
 from asglight.judging.metrics import map_errors
 from asglight.shading.balls import coverage
 

@@ -11,9 +11,9 @@ import pytest
 import torch
 
 from asglight.errors import InputError
-from asglight.judging.display import exposure_stops, view_transform
-from asglight.judging.figures import ball_sheet, contact_sheet
-from asglight.judging.outlines import colour, outline, segments
+from asglight.judging.pictures.display import exposure_stops, view_transform
+from asglight.judging.pictures.figures import ball_sheet, contact_sheet
+from asglight.judging.pictures.outlines import colour, outline, segments
 from asglight.lobes import Form, Lobes
 from asglight.sphere import latlong
 

@@ -7,7 +7,7 @@ import sys
 import pytest
 import torch
 
-from asglight.judging import perceptual
+from asglight.judging.compare import perceptual
 from asglight.shading.balls import coverage
 
 

@@ -8,7 +8,7 @@ import pytest
 import scipy.optimize
 import torch
 
-from asglight.judging import spheres
+from asglight.judging.compare import spheres
 from asglight.shading.balls import coverage
 from asglight.shading.ggx import albedo_parts
 from asglight.sphere import latlong

@@ -5,9 +5,10 @@ import pytest
 import torch
 from key_cases import Rectangle, with_lamps
 
-from asglight.judging import keyed, methods
-from asglight.judging.compare import size_of
-from asglight.judging.methods import COMPARED, METHODS, Task
+from asglight.judging import keyed
+from asglight.judging.compare import methods
+from asglight.judging.compare.maps import size_of
+from asglight.judging.compare.methods import COMPARED, METHODS, Task
 from asglight.judging.metrics import map_errors
 from asglight.keys.rectangles import Card
 from asglight.sphere import latlong

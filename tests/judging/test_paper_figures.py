@@ -11,11 +11,18 @@ from torch import Tensor
 
 from asglight.fitting.paper import fit as paper
 from asglight.fitting.paper.losses import Loss
-from asglight.judging import paper_figures, paper_figures_time
 from asglight.judging.following import JUMP_DEG
 from asglight.judging.metrics import map_errors
-from asglight.judging.paper_figures import OURS, PAPER, Plan, by_label
-from asglight.judging.paper_figures_time import INDEPENDENT, WITH, WITHOUT, liveliest_row, stacked
+from asglight.judging.paper_figures import data as paper_figures
+from asglight.judging.paper_figures import over_time as paper_figures_time
+from asglight.judging.paper_figures.data import OURS, PAPER, Plan, by_label
+from asglight.judging.paper_figures.over_time import (
+    INDEPENDENT,
+    WITH,
+    WITHOUT,
+    liveliest_row,
+    stacked,
+)
 from asglight.lobes import Form, Lobes, texels
 from asglight.peers.approximation import LOBE_FLOATS
 

@@ -11,19 +11,28 @@ from lobe_cases import lamps
 from matplotlib.figure import Figure
 
 from asglight.fitting.paper.losses import Loss
-from asglight.judging import paper_figures_captions as captions
-from asglight.judging import paper_figures_sheet as sheets
-from asglight.judging.layout import DARK, LIGHT
 from asglight.judging.metrics import METRIC_NAMES
-from asglight.judging.paper_figures import OURS, PAPER, ROUGHNESS, Fit, Plan, Row, Still, by_label
-from asglight.judging.paper_figures_stack import draw_stack, wrong_change
-from asglight.judging.paper_figures_time import (
+from asglight.judging.paper_figures import captions
+from asglight.judging.paper_figures import sheet as sheets
+from asglight.judging.paper_figures.data import (
+    OURS,
+    PAPER,
+    ROUGHNESS,
+    Fit,
+    Plan,
+    Row,
+    Still,
+    by_label,
+)
+from asglight.judging.paper_figures.over_time import (
     INDEPENDENT,
     WITH,
     WITHOUT,
     Followed,
     Stacked,
 )
+from asglight.judging.paper_figures.stack import draw_stack, wrong_change
+from asglight.judging.pictures.layout import DARK, LIGHT
 
 ERRORS = dict.fromkeys(METRIC_NAMES, 0.2)
 

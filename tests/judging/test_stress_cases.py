@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from asglight.errors import InputError
-from asglight.judging import stress_maps as maps
-from asglight.judging.stress_case import FLUX, GRADIENT, IRRADIANCE, Case, Group
-from asglight.judging.stress_cases import CASES, chosen
+from asglight.judging.stress import maps
+from asglight.judging.stress.case import FLUX, GRADIENT, IRRADIANCE, Case, Group
+from asglight.judging.stress.cases import CASES, chosen
 
 HOLDS_MAX = 48
 """Characters of a cell of the table that still leave room for eight numbers beside it."""

@@ -9,8 +9,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from asglight.judging import stress_checks as checks
-from asglight.judging.stress_maps import constant, lobe, render, together, toward
+from asglight.judging.stress import checks
+from asglight.judging.stress.maps import constant, lobe, render, together, toward
 from asglight.lobes import Form, Lobes, LobeTracks
 from asglight.usd.read.tracks import Reading
 

@@ -7,8 +7,8 @@ import torch
 from asglight.fitting.first_frame.fit import exposed
 from asglight.fitting.loss import leaves, lobe_images, objective
 from asglight.fitting.steps import newton
-from asglight.judging import stress_gradient
-from asglight.judging.stress_maps import constant, lobe, sun_and_sky, together, toward
+from asglight.judging.stress import gradient as stress_gradient
+from asglight.judging.stress.maps import constant, lobe, sun_and_sky, together, toward
 from asglight.lobes import Form, Lobes
 
 

@@ -10,10 +10,11 @@ import pytest
 import torch
 
 from asglight.errors import InputError
-from asglight.judging import stress, stress_page
-from asglight.judging.stress import Measured, Result, Tools, Verdict, run_case, shader_bound
-from asglight.judging.stress_case import FOUND, Bound, Case, Group, of_lobes
-from asglight.judging.stress_maps import SUN, constant, lobe
+from asglight.judging.stress import page as stress_page
+from asglight.judging.stress import run as stress
+from asglight.judging.stress.case import FOUND, Bound, Case, Group, of_lobes
+from asglight.judging.stress.maps import SUN, constant, lobe
+from asglight.judging.stress.run import Measured, Result, Tools, Verdict, run_case, shader_bound
 from asglight.lobes import Lobes, LobeTracks
 
 LAMP = lobe(SUN, 60.0, (2.0, 1.0, 0.5))

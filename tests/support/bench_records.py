@@ -3,8 +3,8 @@
 
 from typing import Any
 
-from asglight.judging.bench_plan import CROWDED
-from asglight.judging.power_law import power_law
+from asglight.judging.bench.plan import CROWDED
+from asglight.judging.bench.power_law import power_law
 
 METRICS = ("env", "flux", "irr", "irrMax", "r0.5", "r0.25")
 

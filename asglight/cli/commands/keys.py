@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`asglight keys`: lamps as lights, and the images without them, for a stage that is there."""
+
+import argparse
+from dataclasses import replace
+from typing import Any
+
+from asglight.cli.commands.evaluate import check_frames
+from asglight.cli.key_options import AUTO, add_key_options, key_lines, key_options, with_keys
+from asglight.cli.parser import add_follow_option, add_input_options, add_json_option
+from asglight.cli.printing import counted, frame_range, print_json, size
+from asglight.cli.progress import reporter
+from asglight.cli.reading import read_options as images_read
+from asglight.cli.stage_options import OUTPUT
+from asglight.errors import InputError
+from asglight.images import open_sequence
+from asglight.usd.options import check_key_options, parse_representations
+
+EXAMPLE = (
+    "asglight keys sky.usda --reference sky.####.exr\n"
+    "         asglight keys sky.usda --reference sky.####.exr --keys 3 --keys-texture -o keyed.usda"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `keys`."""
+    parser.add_argument("stage", metavar="STAGE", help="a stage that asglight has written")
+    images = "the images that it was fitted to: file, folder or pattern"
+    parser.add_argument("--reference", required=True, metavar="INPUT", help=images)
+    parser.add_argument("-o", "--output", metavar="STAGE", help=f"{OUTPUT} (default: STAGE itself)")
+    held = "what the stage holds then, such as keys or cards,keys (default: keys, and what it has)"
+    parser.add_argument("--representations", type=parse_representations, metavar="LIST", help=held)
+    add_key_options(parser, usual=AUTO)
+    add_input_options(parser)
+    add_follow_option(parser)
+    add_json_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Find the keys, write the stage anew and say what they are."""
+    options = key_options(arguments)
+    if options is None:
+        raise InputError("keys: 0; expected auto or a number above 0.")
+    if arguments.frames is not None:
+        raise InputError("frames: given with a stage, whose frames are cut; expected none.")
+    check_key_options(options)
+    from asglight.shots.keying import Keying
+    from asglight.usd import read_usd, write_usd
+    from asglight.usd.read.read_options import read_options
+
+    tracks, stage = read_usd(arguments.stage), read_options(arguments.stage)
+    given = {} if arguments.representations is None else vars(arguments)
+    chosen = {"representations": given["representations"]} if given else {}
+    stage = replace(stage, **with_keys(chosen, options, stage.representations))
+    sequence = open_sequence(
+        arguments.reference,
+        missing="hold",
+        height=options.rest_height,
+        reading=images_read(arguments),
+    )
+    check_frames(sequence, tracks.frames, arguments.reference, arguments.stage)
+    output = arguments.output or arguments.stage
+    with reporter() as report:
+        keying = Keying(sequence, options, report.follow)
+        written = write_usd(tracks, output, **vars(stage), keys=keying)
+    found = written.keys
+    document: dict[str, Any] = {
+        "output": output,
+        "bytes": written.bytes,
+        "representations": list(stage.representations),
+        "frames": list(tracks.frames),
+        "keys": found,
+    }
+    if arguments.json:
+        print_json(document)
+        return 0
+    print(
+        f"{output}: {counted(len(tracks.frames), 'frame')} ({frame_range(tracks.frames)}), "
+        f"{size(written.bytes)}, written as: {', '.join(stage.representations)}"
+    )
+    print("\n".join(key_lines(found)))
+    return 0

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every method on the same map, judged in one way."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stiff, extreme and broken input: the cases, their checks, their table."""
