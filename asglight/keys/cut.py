@@ -15,16 +15,13 @@ import torch
 from torch import Tensor
 
 from asglight.keys import cutting, levels
-from asglight.keys.levels import KeyCut, Seen
+from asglight.keys.levels import FILLED, KeyCut, Seen
 from asglight.keys.rectangles import Card, Patch
 from asglight.keys.spots import Grid, Mask
 from asglight.sphere import latlong
 
 ROWS = 256
 """Rows of the map that cuts are found on: texels of 0.7 degrees, a sun and its edge."""
-
-FILLED = 0.1
-"""Of the light of a key, in each channel, that dark rims of its lamp may be filled with."""
 
 MARGIN_TEXELS = 3
 """Around a matte, in which a card may show light too."""
@@ -86,6 +83,7 @@ def frame_cut(
     background = cutting.filled(values, closed, grid)
     background = np.where(holes[..., None], background, values)
     above = np.maximum((values - background).mean(-1), 0)
+    below = np.maximum(background - values, 0).mean(-1)
     total = float((values.mean(-1) * grid.solid_angle).sum())
     seen: list[Seen | None] = []
     for one, own in zip(wanted, mattes, strict=True):
@@ -93,7 +91,7 @@ def frame_cut(
         place = np.flatnonzero(near)
         share = one.weight * (own / np.maximum(every, 1)).ravel()[place]
         patch = Patch.of(place, grid)
-        lamp = Seen(patch, above.ravel()[place], share, one.start, one.floor)
+        lamp = Seen(patch, above.ravel()[place], share, one.start, one.floor, below.ravel()[place])
         seen.append(lamp if lamp.flux > 0 else None)
     lit = [one for one in seen if one is not None]
     chosen = iter(levels.whole(lit) if whole else levels.shown(lit, total))

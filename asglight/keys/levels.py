@@ -40,6 +40,9 @@ FLOOR_DECAY = 0.7
 FLOOR_LEAST = 1e-3
 """Where such a floor ends."""
 
+FILLED = 0.1
+"""Of the light of a key, in each channel, that dark rims of its lamp may be filled with."""
+
 ROUNDS = 2
 """Of finding levels for cards, and cards for what is below the levels."""
 
@@ -81,6 +84,7 @@ class Seen:
     share: Array
     start: Card | None
     floor: float | None
+    below: Array
 
     @cached_property
     def solid_angle(self) -> Array:
@@ -101,6 +105,10 @@ class Seen:
         """Return the flux of each texel that is the key's.  [P]."""
         above = np.clip(self.above - floor * self.mean, 0, high)
         return self.share * above * self.solid_angle
+
+    def filled(self, light: float) -> float:
+        """Return the light that dark rims get of a key's: missing from its card, and new there."""
+        return min(FILLED * light, float((self.share * self.below * self.solid_angle).sum()))
 
     def cut(self, card: Card, floor: float, high: float) -> KeyCut:
         """Return what the key takes."""
@@ -143,7 +151,7 @@ class Fit:
             own = lamp.light(floor, level)
             off = cards.off_by(card, lamp.patch, own)
             seen = (np.abs(ball @ off.astype(np.float32)).sum() for ball in balls)
-            rows.append([cards.apart(off), *seen])
+            rows.append([cards.apart(off) + 2 * lamp.filled(float(own.sum())), *seen])
             light.append(own.sum())
         return cls(lamp, floor, card, levels, np.array(rows) / total, np.array(light) / total)
 
