@@ -139,7 +139,10 @@ def test_an_interrupted_fit_says_how_to_go_on(
 
 
 def test_a_reader_that_closes_early_is_no_error() -> None:
-    hook = "from asglight.cli import info\ninfo.run = lambda arguments: print('x' * 100_000) or 0"
+    hook = (
+        "from asglight.cli.commands import info\n"
+        "info.run = lambda arguments: print('x' * 100_000) or 0"
+    )
     process = subprocess.Popen(
         [sys.executable, "-c", commands.RUN.format(hook=hook), "info", "x.usda"],
         stdout=subprocess.PIPE,
