@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lobes -> one ball: linear radiance times coverage, and coverage. asglight/viewer/balls_pass.py
+// Lobes -> one ball: linear radiance times coverage, and coverage. asglight/viewer/gl/balls_pass.py
 // packs the blocks.
 //
 // Compiled with WINDOW, the one that all sheets have, and ISOTROPIC where they are all round;

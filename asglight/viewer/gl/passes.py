@@ -16,8 +16,8 @@ import numpy as np
 from asglight import shader_files
 from asglight.lobes import Lobes
 from asglight.shading.glsl_constants import CONSTANTS
-from asglight.viewer import glsl
-from asglight.viewer.display import (
+from asglight.viewer.gl import glsl
+from asglight.viewer.state.display import (
     FALSE_COLOUR_EV,
     MIDDLE_GREY,
     RATIO_EV,
@@ -26,7 +26,7 @@ from asglight.viewer.display import (
     Display,
     ViewTransform,
 )
-from asglight.viewer.state import MAX_LOBES, SHEETS_MAX
+from asglight.viewer.state.viewer_state import MAX_LOBES, SHEETS_MAX
 
 DEFINES: Mapping[str, float] = {
     "MAX_LOBES": MAX_LOBES,

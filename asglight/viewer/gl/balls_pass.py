@@ -22,8 +22,8 @@ from asglight.lobes import Lobes, asg
 from asglight.shader_files import enum_number
 from asglight.shading import ggx_layer, ggx_lobes
 from asglight.shading.sheets import Sheets, amplitudes, sheets
-from asglight.viewer.balls import Ball
-from asglight.viewer.passes import DEFINES, pass_program
+from asglight.viewer.gl.passes import DEFINES, pass_program
+from asglight.viewer.state.balls import Ball
 
 Cell = tuple[int, int, int]
 """x, y and size, in pixels of the target, of a ball's square; y counts from the image's top row."""
