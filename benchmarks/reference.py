@@ -18,10 +18,10 @@ import torch
 
 from asglight.images import read_latlong
 from asglight.sphere import latlong
-from asglight.viewer.albedo_table import albedo_table
-from asglight.viewer.balls import Ball, ball_row
-from asglight.viewer.context import describe, standalone_context
-from asglight.viewer.reference_pass import ReferencePass
+from asglight.viewer.gl.albedo_table import albedo_table
+from asglight.viewer.gl.context import describe, standalone_context
+from asglight.viewer.gl.reference_pass import ReferencePass
+from asglight.viewer.state.balls import Ball, ball_row
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 import ball_truth

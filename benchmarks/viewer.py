@@ -19,11 +19,11 @@ import numpy as np
 import torch
 
 from asglight.lobes import Form, Lobes, asg, frames
-from asglight.viewer.albedo_table import albedo_table
-from asglight.viewer.balls import Material, ball_row
-from asglight.viewer.balls_pass import BallsPass
-from asglight.viewer.context import describe, standalone_context
-from asglight.viewer.passes import radiance_target
+from asglight.viewer.gl.albedo_table import albedo_table
+from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.gl.context import describe, standalone_context
+from asglight.viewer.gl.passes import radiance_target
+from asglight.viewer.state.balls import Material, ball_row
 
 SHARPNESS = (0.3, 0.5, 1, 2, 3, 5, 8, 12, 20, 40, 80, 200, 1e3, 5e3, 3e4)
 """Geometric means, as fits of 15 lobes have them: from the sky to the sun."""

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lobes -> one ball: linear radiance times coverage, and coverage. asglight/viewer/ball_blocks.py
+// Lobes -> one ball: linear radiance times coverage, and coverage. asglight/viewer/uniforms/ball_blocks.py
 // packs the blocks.
 //
 // Compiled with WINDOW, the one that all sheets have, and ISOTROPIC where they are all round;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A ball lit by a latlong map, by the whole integral over the lights: some samples more of a mean.
 //
-// The map is a rest without great peaks, and suns (asglight/viewer/reference_map.py). The rest is
+// The map is a rest without great peaks, and suns (asglight/viewer/reference/reference_map.py). The rest is
 // looked up for visible half vectors, in a mip level as wide as the share of the sphere that a
 // sample stands for [Krivanek and Colbert 2007, "GPU-Based Importance Sampling", GPU Gems 3,
 // chapter 20]. The suns are sampled by half vectors, by their flux, and, where a highlight is narrower

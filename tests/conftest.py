@@ -28,7 +28,7 @@ def torch_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def opengl() -> Iterator["moderngl.Context"]:
     """An off-screen context that has no error before or after the test."""
-    from asglight.viewer.context import standalone_context  # most rooms do without
+    from asglight.viewer.gl.context import standalone_context  # most rooms do without
 
     try:
         context = standalone_context()

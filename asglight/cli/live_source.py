@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # this module starts the process before the viewer loads torc
 
     from asglight.lobes import LobeTracks
     from asglight.lobes.growing import GrowingTracks
-    from asglight.viewer.source import SourceStatus
+    from asglight.viewer.state.source import SourceStatus
 
 CLOSE_SECONDS = 2.0
 """Until a process that was asked to end is killed: it has nothing to finish, so it ends at once
@@ -72,7 +72,7 @@ class _Ended:
 
 
 class LiveSource:
-    """A running fit with the `live` preset (an `asglight.viewer.source.TrackSource`)."""
+    """A running fit with the `live` preset (an `asglight.viewer.state.source.TrackSource`)."""
 
     def __init__(self, job: LiveJob) -> None:
         """Start the process."""
@@ -110,7 +110,7 @@ class LiveSource:
 
     def status(self) -> "SourceStatus":
         """Return how many frames are fitted, and whether the fit has ended."""
-        from asglight.viewer.source import SourceStatus
+        from asglight.viewer.state.source import SourceStatus
 
         done, total = 0 if self._growing is None else self._growing.count, len(self._job.frames)
         if self._ended is not None:

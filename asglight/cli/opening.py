@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from asglight.lobes import LobeTracks
     from asglight.usd import Reading
-    from asglight.viewer.session import Session
-    from asglight.viewer.source import TrackSource
+    from asglight.viewer.state.session import Session
+    from asglight.viewer.state.source import TrackSource
 
 FPS = 24.0
 """Frames per second of images, which name no rate."""
@@ -125,7 +125,7 @@ def _check(request: Request, stage: Path | None) -> None:
             "--reference."
         )
     if request.lobes is not None:
-        from asglight.viewer.state import MAX_LOBES
+        from asglight.viewer.state.viewer_state import MAX_LOBES
 
         if not 1 <= request.lobes <= MAX_LOBES:
             raise InputError(f"--lobes: {request.lobes}; expected 1 to {MAX_LOBES}.")
@@ -134,10 +134,10 @@ def _check(request: Request, stage: Path | None) -> None:
 def _stage(stage: Path, request: Request) -> "Session":
     """Open a stage, or watch the fit that will write it."""
     from asglight.images.message import shown
-    from asglight.viewer.reference import open_reference, whole_sequence
-    from asglight.viewer.session import Session
-    from asglight.viewer.source import FixedSource
-    from asglight.viewer.state import ViewerState
+    from asglight.viewer.reference.images import open_reference, whole_sequence
+    from asglight.viewer.state.session import Session
+    from asglight.viewer.state.source import FixedSource
+    from asglight.viewer.state.viewer_state import ViewerState
 
     with contextlib.ExitStack() as on_failure:
         if not os.path.exists(stage) and os.path.exists(checkpoint_of(stage)):
@@ -181,7 +181,7 @@ def _watched(stage: Path) -> "tuple[TrackSource, LobeTracks]":
     """Watch the fit of a stage; return its source and a timeline without lobes."""
     from asglight.cli.watch_source import WatchSource
     from asglight.images.message import shown
-    from asglight.viewer.session import no_lobes
+    from asglight.viewer.state.session import no_lobes
 
     source = WatchSource(stage)
     if not source.frames:
@@ -195,10 +195,10 @@ def _watched(stage: Path) -> "tuple[TrackSource, LobeTracks]":
 
 def _images(source: str, request: Request) -> "Session":
     """Open images, and start to fit them where that is asked for."""
-    from asglight.viewer.reference import open_reference
-    from asglight.viewer.session import Session, no_lobes
-    from asglight.viewer.source import FixedSource
-    from asglight.viewer.state import ViewerState
+    from asglight.viewer.reference.images import open_reference
+    from asglight.viewer.state.session import Session, no_lobes
+    from asglight.viewer.state.source import FixedSource
+    from asglight.viewer.state.viewer_state import ViewerState
 
     reference = open_reference(source, frames=request.frames, reading=request.reading)
     tracks = no_lobes(reference.timeline, FPS)
@@ -215,9 +215,9 @@ def _built_in(request: Request) -> "Session":
     """Show the built-in environment and fit it."""
     # Before torch is loaded here: loading it is half of the time until the first lobes.
     source = LiveSource(LiveJob(built_in.FRAMES, lobes=request.lobes, fps=FPS))
-    from asglight.viewer.reference import Reference
-    from asglight.viewer.session import Session, no_lobes
-    from asglight.viewer.state import ViewerState
+    from asglight.viewer.reference.images import Reference
+    from asglight.viewer.state.session import Session, no_lobes
+    from asglight.viewer.state.viewer_state import ViewerState
 
     def read(frame: int) -> "np.ndarray":
         return built_in.environment(frame).numpy()

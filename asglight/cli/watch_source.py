@@ -8,8 +8,8 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.shots.watching import ShotWatch
-from asglight.viewer.source import SourceStatus
-from asglight.viewer.state import lobes_max
+from asglight.viewer.state.source import SourceStatus
+from asglight.viewer.state.viewer_state import lobes_max
 
 INTERVAL_SECONDS = 0.2
 """Between two looks: a frame of the fastest preset takes a fifth of this on one core, the eye
@@ -17,7 +17,7 @@ reads a number that changes five times a second, and a network disk is asked sel
 
 
 class WatchSource:
-    """A running shot (an `asglight.viewer.source.TrackSource`): files are read in a thread."""
+    """A running shot (a `viewer.state.source.TrackSource`): files are read in a thread."""
 
     def __init__(self, stage: Path) -> None:
         """Look once, then go on looking in a thread.

@@ -16,10 +16,10 @@ from asglight.page.numbers import Numbers, numbers_of
 from asglight.page.reference import BALL, DARKEST, ROWS, Reference
 from asglight.page.shaders import es_shader
 from asglight.shader_files import VERTEX_SHADER, enum_number
-from asglight.viewer.albedo_values import SIZE, albedo_values
-from asglight.viewer.balls import Ball, ball_row
-from asglight.viewer.display import ViewTransform
-from asglight.viewer.shader_defines import SURROUND
+from asglight.viewer.state.balls import Ball, ball_row
+from asglight.viewer.state.display import ViewTransform
+from asglight.viewer.uniforms.albedo_values import SIZE, albedo_values
+from asglight.viewer.uniforms.shader_defines import SURROUND
 
 PARTS = Path(__file__).resolve().parent / "parts"
 """Template, style and script."""

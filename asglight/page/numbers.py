@@ -20,11 +20,11 @@ from asglight.lobes import Lobes, LobeTracks, asg
 from asglight.shader_files import enum_number
 from asglight.shading.rectified import irradiance_over_pi
 from asglight.shading.sheets import Sheets, amplitudes, sheets
-from asglight.viewer.ball_blocks import BALL, packed
-from asglight.viewer.balls import Ball
-from asglight.viewer.display import LUMINANCE
-from asglight.viewer.map_lobes import widened
-from asglight.viewer.outlines import half_angles, outlines
+from asglight.viewer.state.balls import Ball
+from asglight.viewer.state.display import LUMINANCE
+from asglight.viewer.uniforms.ball_blocks import BALL, packed
+from asglight.viewer.uniforms.map_lobes import widened
+from asglight.viewer.uniforms.outlines import half_angles, outlines
 
 MAP_ROWS = 256
 """Of the map, as in the viewer."""

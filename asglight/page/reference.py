@@ -26,7 +26,7 @@ from asglight.judging.metrics import frame_errors
 from asglight.lobes import LobeTracks
 from asglight.shading.balls import coverage, covered, render_balls
 from asglight.sphere import latlong
-from asglight.viewer.balls import Ball
+from asglight.viewer.state.balls import Ball
 
 ROWS, BALL = 192, 96
 """Of the stored map, and pixels across a stored ball."""

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 
 from asglight import shader_files
-from asglight.viewer.shader_defines import DEFINES
+from asglight.viewer.uniforms.shader_defines import DEFINES
 
 HEAD = """#version 300 es
 precision highp float;

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from asglight.errors import InputError
 from asglight.shader_files import ShaderError
-from asglight.viewer.session import Session
+from asglight.viewer.state.session import Session
 
 if TYPE_CHECKING:
     from asglight.viewer.io.wanted import Wanted
@@ -77,7 +77,7 @@ def write_screenshot(
             cannot be written.
     """
     with _explained_imports():
-        from asglight.viewer import saving, screenshot
+        from asglight.viewer.io import saving, screenshot
     session.wait()
     saving.write_png(path, screenshot.window_picture(session, size, is_bare=is_bare))
 
@@ -96,9 +96,9 @@ def write_rendering(session: Session, wanted: "Wanted") -> Iterator[int]:
         InputError: A package is missing, there is no OpenGL, or a picture cannot be had or written.
     """
     with _explained_imports():
-        from asglight.viewer import context
+        from asglight.viewer.gl import context
+        from asglight.viewer.gl.renderer import Renderer
         from asglight.viewer.io.rendering import Rendering
-        from asglight.viewer.renderer import Renderer
     session.wait()
     if session.meters:
         session.update()
@@ -122,10 +122,10 @@ def check() -> int:
         InputError: A package is missing, or there is no OpenGL that is new enough.
     """
     with _explained_imports():
-        from asglight.viewer import context
+        from asglight.viewer.gl import context
     opengl = context.standalone_context()
     print(context.describe(opengl))
-    from asglight.viewer import glsl, passes
+    from asglight.viewer.gl import glsl, passes
 
     failures = 0
     for name in glsl.fragment_shaders():

@@ -12,9 +12,9 @@ import glfw  # isort: skip
 
 from asglight.errors import InputError
 from asglight.viewer import layout
-from asglight.viewer.context import GL_VERSION
+from asglight.viewer.gl.context import GL_VERSION
 from asglight.viewer.io.documents import Opener
-from asglight.viewer.session import Session
+from asglight.viewer.state.session import Session
 from asglight.viewer.window import Window
 
 SIZE = (1600, 1000)

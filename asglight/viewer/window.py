@@ -19,11 +19,12 @@ from imgui_bundle import portable_file_dialogs as dialogs
 import glfw  # isort: skip
 
 from asglight.errors import InputError
-from asglight.viewer import layout, settings
-from asglight.viewer.commands import FLIP_KEY
+from asglight.viewer import layout
+from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.io import native
 from asglight.viewer.io.documents import RECENT_MAX, Documents, Opener
 from asglight.viewer.io.rendering import Rendering
+from asglight.viewer.io.saving import display_pixels
 from asglight.viewer.io.wanted import TURNTABLE, Wanted
 from asglight.viewer.panels import help as help_panel
 from asglight.viewer.panels import widgets
@@ -39,10 +40,10 @@ from asglight.viewer.panels.menus import menus
 from asglight.viewer.panels.progress import progress
 from asglight.viewer.panels.question import question
 from asglight.viewer.panels.timeline import timeline
-from asglight.viewer.renderer import Renderer
-from asglight.viewer.saving import display_pixels
-from asglight.viewer.session import Session
-from asglight.viewer.state import RENDERS, Request, Theme, ViewerState
+from asglight.viewer.state import settings
+from asglight.viewer.state.commands import FLIP_KEY
+from asglight.viewer.state.session import Session
+from asglight.viewer.state.viewer_state import RENDERS, Request, Theme, ViewerState
 
 _BALLS = "Balls"
 _THEMES = {

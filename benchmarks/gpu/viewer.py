@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from asglight.lobes import Lobes
-from asglight.viewer.albedo_table import albedo_table
-from asglight.viewer.balls import ball_row
-from asglight.viewer.balls_pass import BallsPass
-from asglight.viewer.context import describe, standalone_context
-from asglight.viewer.layers import SAMPLES_AT_ONCE
-from asglight.viewer.passes import radiance_target
-from asglight.viewer.reference_pass import ReferencePass
+from asglight.viewer.gl.albedo_table import albedo_table
+from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.gl.context import describe, standalone_context
+from asglight.viewer.gl.layers import SAMPLES_AT_ONCE
+from asglight.viewer.gl.passes import radiance_target
+from asglight.viewer.gl.reference_pass import ReferencePass
+from asglight.viewer.state.balls import ball_row
 from benchmarks.gpu.data import lamps, maps
 from benchmarks.gpu.rows import Given, Row
 

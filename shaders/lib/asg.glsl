@@ -11,7 +11,7 @@
 // The FORM_ numbers come from asglight.lobes.Form.
 
 // One lobe, 64 bytes in std140. All members are vec4, because drivers disagree about the padding
-// of vec3. asglight/viewer/passes.py packs it.
+// of vec3. asglight/viewer/gl/passes.py packs it.
 struct Lobe {
     vec4 axis_x;     // byte 0:  xyz unit axis, w sharpness along it (for FORM_SG: s)
     vec4 axis_y;     // byte 16: xyz unit axis, w sharpness along it

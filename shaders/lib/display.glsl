@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // From linear radiance to what a screen takes: exposure, view transform, sRGB transfer, scales.
 //
-// The VIEW_TRANSFORM_ and CHANNEL_ numbers come from asglight.viewer.display.
+// The VIEW_TRANSFORM_ and CHANNEL_ numbers come from asglight.viewer.state.display.
 
 // Scale radiance by 2^exposure_ev.
 vec3 display_exposed(vec3 radiance, float exposure_ev) {

@@ -26,7 +26,7 @@ vec3 ggx_fresnel(vec3 f0, float cos_half) {
 }
 
 // Return A and B of the directional albedo f0 A + B from the table of
-// asglight/viewer/albedo_values.py: texel centres of the outermost texels hold the ends of the range.
+// asglight/viewer/uniforms/albedo_values.py: texel centres of the outermost texels hold the ends of the range.
 vec2 ggx_albedo_parts(sampler2D table, float cos_view, float roughness) {
     vec2 texels = vec2(textureSize(table, 0));
     vec2 uv = (vec2(cos_view, roughness) * (texels - 1.0) + 0.5) / texels;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A GGX layer under lobes with view and roughness free at each point: what
-// asglight/viewer/balls_pass.py computes once for a ball. Twins of functions of
+// asglight/viewer/gl/balls_pass.py computes once for a ball. Twins of functions of
 // asglight/shading/ggx_layer.py, where the formulas are explained.
 
 #include "lib/ggx_lobes.glsl"

@@ -18,7 +18,7 @@ from asglight.images.options import ReadOptions
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import stack
 from asglight.usd import write_usd
-from asglight.viewer.session import Session
+from asglight.viewer.state.session import Session
 
 FRAMES = (1001, 1002, 1003, 1004)
 
@@ -62,6 +62,15 @@ def test_a_stage_is_opened_by_its_name_or_its_folder(
     assert session.state.tracks.fps == 25.0
     assert session.state.references is None
     assert session.update().is_finished
+
+
+def test_one_image_of_a_sequence_as_reference_is_the_sequence_of_the_shot(
+    start: Open, stage: Path, images: Path
+) -> None:
+    one = next(path for path in sorted(images.iterdir()) if "1002" in path.name)
+    references = start(input=str(stage), reference=str(one)).state.references
+    assert references is not None
+    assert len(set(references.frames) & set(FRAMES)) > 1
 
 
 def test_a_folder_with_a_stage_and_images_is_the_stage(images: Path, stage: Path) -> None:

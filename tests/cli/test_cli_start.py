@@ -71,7 +71,7 @@ def test_the_session_of_a_stage_loads_no_fitter(stage: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     modules = set(done.stdout.split())
-    assert "asglight.viewer.session" in modules
+    assert "asglight.viewer.state.session" in modules
     assert begins(modules, *FITTER) == set()
 
 

@@ -75,7 +75,7 @@ def test_a_case_that_fails_ends_in_3_and_says_by_what(
 def test_without_opengl_the_table_says_why(
     failing: list[Tools], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from asglight.viewer import context
+    from asglight.viewer.gl import context
 
     def none_there() -> None:
         raise InputError("OpenGL: found none; expected OpenGL 4.1 or later.")
@@ -83,7 +83,7 @@ def test_without_opengl_the_table_says_why(
     monkeypatch.setattr(context, "standalone_context", none_there)
     main(["stress", "--only", "time/cut"])
     assert "GLSL and balls were not checked: OpenGL: found none;" in capsys.readouterr().out
-    monkeypatch.setitem(sys.modules, "asglight.viewer.context", None)
+    monkeypatch.setitem(sys.modules, "asglight.viewer.gl.context", None)
     monkeypatch.setitem(sys.modules, "moderngl", None)
     main(["stress", "--only", "time/cut"])
     assert "is not installed. pip install asglight[view]" in capsys.readouterr().out

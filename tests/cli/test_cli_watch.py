@@ -17,7 +17,7 @@ from asglight.lobes import LobeTracks
 from asglight.lobes.data import stack
 from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
 from asglight.usd import read_usd, write_usd
-from asglight.viewer.session import Session
+from asglight.viewer.state.session import Session
 
 FRAMES = (1001, 1002, 1003)
 

@@ -23,10 +23,10 @@ from asglight.export.albedo import ERROR_MAX
 from asglight.export.environment import BLOCK, environment
 from asglight.lobes import Form, Lobes, LobeTracks, asg
 from asglight.lobes.data import stack
-from asglight.viewer import passes
-from asglight.viewer.albedo_table import albedo_table
-from asglight.viewer.balls import F0_DIELECTRIC, Ball
-from asglight.viewer.balls_pass import BallsPass
+from asglight.viewer.gl import passes
+from asglight.viewer.gl.albedo_table import albedo_table
+from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.state.balls import F0_DIELECTRIC, Ball
 
 PIXELS = 64
 CAMERA = Rotation.from_euler("yx", [130, 20], degrees=True).as_matrix()

@@ -22,11 +22,11 @@ from asglight.page.numbers import numbers_of
 from asglight.page.reference import reference_of
 from asglight.shading.balls import coverage
 from asglight.viewer import passes
-from asglight.viewer.albedo_table import albedo_table
-from asglight.viewer.balls_pass import BallsPass
-from asglight.viewer.display import Comparison, Display
-from asglight.viewer.layers import MAP_ROWS
-from asglight.viewer.map_lobes import widened
+from asglight.viewer.gl.albedo_table import albedo_table
+from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.gl.layers import MAP_ROWS
+from asglight.viewer.state.display import Comparison, Display
+from asglight.viewer.uniforms.map_lobes import widened
 
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason="needs Chromium (Debian: chromium)")
 

@@ -10,11 +10,12 @@ from imgui_bundle import immapp
 from imgui_bundle.immapp import testing
 
 from asglight.lobes import LobeTracks
-from asglight.viewer import running, screenshot, window
-from asglight.viewer.reference import Reference
-from asglight.viewer.session import Session
-from asglight.viewer.source import FixedSource
-from asglight.viewer.state import ViewerState
+from asglight.viewer import running, window
+from asglight.viewer.io import screenshot
+from asglight.viewer.reference.images import Reference
+from asglight.viewer.state.session import Session
+from asglight.viewer.state.source import FixedSource
+from asglight.viewer.state.viewer_state import ViewerState
 
 SIZE = (1200, 800)
 

@@ -15,7 +15,7 @@ import windows
 from asglight import shader_files
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.sphere import latlong
-from asglight.viewer import glsl, passes
+from asglight.viewer.gl import glsl, passes
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from asglight.shading import ggx
-from asglight.viewer.albedo_table import albedo_table
-from asglight.viewer.passes import radiance_target
+from asglight.viewer.gl.albedo_table import albedo_table
+from asglight.viewer.gl.passes import radiance_target
 
 LOOKUP = """
 #version 410 core

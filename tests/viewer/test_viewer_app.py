@@ -18,8 +18,9 @@ from asglight.errors import InputError
 from asglight.images import write_exr
 from asglight.lobes import LobeTracks
 from asglight.usd import write_usd
-from asglight.viewer import app, saving
-from asglight.viewer.arrangement import cells
+from asglight.viewer import app
+from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.io import saving
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -137,7 +138,7 @@ def test_check_names_the_renderer_and_every_pass() -> None:
 def test_check_reports_a_broken_shader_and_exits_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from asglight.viewer import passes
+    from asglight.viewer.gl import passes
 
     monkeypatch.setattr(passes, "DEFINES", {**passes.DEFINES, "PI": 3})
     assert view("--check") == 1

@@ -19,11 +19,11 @@ from asglight.lobes import Form, Lobes, asg, frames
 from asglight.shading import ggx_layer, ggx_lobes, rectified
 from asglight.shading.balls import coverage
 from asglight.shading.sheets import amplitudes, sheets
-from asglight.viewer import passes
-from asglight.viewer.albedo_table import SIZE, albedo_table
-from asglight.viewer.balls import Ball, Material, ball_row
-from asglight.viewer.balls_pass import BallsPass
-from asglight.viewer.state import MAX_LOBES, lobes_max
+from asglight.viewer.gl import passes
+from asglight.viewer.gl.albedo_table import SIZE, albedo_table
+from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.state.balls import Ball, Material, ball_row
+from asglight.viewer.state.viewer_state import MAX_LOBES, lobes_max
 
 TOLERANCE = 1e-4
 BALLS = (

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from asglight.viewer.camera import PITCH_MAX_DEG, Camera
+from asglight.viewer.state.camera import PITCH_MAX_DEG, Camera
 
 
 def test_at_rest_the_camera_has_the_axes_of_the_world() -> None:

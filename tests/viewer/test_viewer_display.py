@@ -8,9 +8,9 @@ import moderngl
 import numpy as np
 import pytest
 
-from asglight.viewer import passes
-from asglight.viewer.display import Channel, Comparison, Display, ViewTransform
-from asglight.viewer.passes import DIVERGING_SCALE, STOPS_SCALE, SURROUND, Picture
+from asglight.viewer.gl import passes
+from asglight.viewer.gl.passes import DIVERGING_SCALE, STOPS_SCALE, SURROUND, Picture
+from asglight.viewer.state.display import Channel, Comparison, Display, ViewTransform
 
 # An 8-bit target rounds to the nearest of 255 steps; OpenGL allows 0.6 of a step where halves meet.
 STEP = 0.6 / 255

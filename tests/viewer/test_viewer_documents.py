@@ -20,13 +20,13 @@ from asglight.images import write_exr
 from asglight.images.frame_files import sequence_of
 from asglight.lobes import LobeTracks
 from asglight.usd import read_usd, write_usd
-from asglight.viewer.display import Comparison
-from asglight.viewer.edits import scale_amplitude
 from asglight.viewer.io import native
 from asglight.viewer.io.browsing import Kind, listed
-from asglight.viewer.session import Session, no_lobes
-from asglight.viewer.source import FixedSource
-from asglight.viewer.state import Request, ViewerState
+from asglight.viewer.state.display import Comparison
+from asglight.viewer.state.edits import scale_amplitude
+from asglight.viewer.state.session import Session, no_lobes
+from asglight.viewer.state.source import FixedSource
+from asglight.viewer.state.viewer_state import Request, ViewerState
 
 CTRL = int(imgui.Key.mod_ctrl)
 
@@ -346,7 +346,7 @@ import os, sys
 from pathlib import Path
 import windows
 from asglight.usd import read_usd
-from asglight.viewer.edits import scale_amplitude
+from asglight.viewer.state.edits import scale_amplitude
 
 stage, kept = map(Path, sys.argv[1:])
 
@@ -550,8 +550,8 @@ def test_escape_closes_a_list_before_it_deselects(drive: Drive) -> None:
 def test_kept_edits_are_what_was_done(
     drive_stage: Callable[..., None], stage: Path, tmp_path: Path
 ) -> None:
-    from asglight.viewer.edits import turn
     from asglight.viewer.io.autosave import Autosave
+    from asglight.viewer.state.edits import turn
 
     tracks = read_usd(stage)
     edits = (turn(0, 1, [0, 0, 1], [0, 1, 1]), scale_amplitude(1, None, 1.5, (1.0, 0.5, 2.0)))

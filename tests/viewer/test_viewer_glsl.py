@@ -10,8 +10,8 @@ import pytest
 from asglight import shader_files
 from asglight.lobes import Form
 from asglight.shader_files import ShaderError
-from asglight.viewer import glsl, passes
-from asglight.viewer.display import ViewTransform
+from asglight.viewer.gl import glsl, passes
+from asglight.viewer.state.display import ViewTransform
 
 LIBRARY = [
     path.relative_to(shader_files.shader_folder()).as_posix()

@@ -9,7 +9,7 @@ import torch
 
 from asglight.lobes import Form, Lobes
 from asglight.lobes.frames import axes_around
-from asglight.viewer.lobe_probe import COLUMNS, LobeProbe
+from asglight.viewer.gl.lobe_probe import COLUMNS, LobeProbe
 
 
 def lamp(form: Form = Form.ASG, sharpness: float = 30.0) -> Lobes:

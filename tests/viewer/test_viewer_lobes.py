@@ -23,7 +23,7 @@ from torch import Tensor
 
 from asglight.lobes import Form, Lobes, LobeTracks, asg, frames
 from asglight.sphere import latlong
-from asglight.viewer import passes
+from asglight.viewer.gl import passes
 
 ROUNDING = 2.0**-24
 DENORMAL = 1e-37

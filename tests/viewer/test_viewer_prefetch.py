@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from asglight.errors import InputError
-from asglight.viewer.prefetch import FrameCache, reading_order, turn
+from asglight.viewer.reference.prefetch import FrameCache, reading_order, turn
 
 FRAMES = tuple(range(1001, 1021))
 

@@ -6,7 +6,7 @@ import pytest
 import sky_files
 
 from asglight.errors import InputError
-from asglight.viewer.reference import Reference, open_reference
+from asglight.viewer.reference.images import Reference, open_reference
 
 PATIENCE = 20.0
 """Seconds before a test gives up; a machine under load may take some of them."""
@@ -76,7 +76,7 @@ def test_frames_can_be_chosen(folder: Path) -> None:
 
 
 def test_large_images_are_averaged_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("asglight.viewer.reference.HEIGHT_MAX", 4)
+    monkeypatch.setattr("asglight.viewer.reference.images.HEIGHT_MAX", 4)
     values = np.zeros((8, 16, 3), np.float32)
     values[:, :8] = 1.0
     path = sky_files.write_frame(tmp_path / "large.exr", values)

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from asglight.sphere import latlong
-from asglight.viewer import reference_map
-from asglight.viewer.passes import radiance_target
+from asglight.viewer.gl.passes import radiance_target
+from asglight.viewer.reference import reference_map
 
 TEXEL_POINTS = """
 #version 410 core

@@ -10,10 +10,10 @@ import moderngl
 import numpy as np
 import pytest
 
-from asglight.viewer.albedo_table import albedo_table
-from asglight.viewer.balls import Ball, Material, ball_row
-from asglight.viewer.reference_cache import ReferenceCache
-from asglight.viewer.reference_pass import TARGET_SAMPLES, ReferencePass
+from asglight.viewer.gl.albedo_table import albedo_table
+from asglight.viewer.gl.reference_cache import ReferenceCache
+from asglight.viewer.gl.reference_pass import TARGET_SAMPLES, ReferencePass
+from asglight.viewer.state.balls import Ball, Material, ball_row
 
 EYE = np.eye(3)
 FROM_BEHIND = np.diag([-1.0, 1.0, -1.0])

@@ -8,14 +8,14 @@ import torch
 from windows import grey
 
 from asglight.lobes import Form, Lobes, LobeTracks, asg
-from asglight.viewer.arrangement import cells
-from asglight.viewer.balls import Material
-from asglight.viewer.display import Comparison, Subject
-from asglight.viewer.draft import DIVISOR_MAX, FAST_S, SLOW_S, Draft, Stopwatch
-from asglight.viewer.map_lobes import widened
-from asglight.viewer.passes import LobesPass, radiance_target
-from asglight.viewer.renderer import Counts, Renderer
-from asglight.viewer.state import ViewerState
+from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.gl.draft import DIVISOR_MAX, FAST_S, SLOW_S, Draft, Stopwatch
+from asglight.viewer.gl.passes import LobesPass, radiance_target
+from asglight.viewer.gl.renderer import Counts, Renderer
+from asglight.viewer.state.balls import Material
+from asglight.viewer.state.display import Comparison, Subject
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.uniforms.map_lobes import widened
 
 SIZE = (96, 16)
 

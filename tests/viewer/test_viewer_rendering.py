@@ -18,15 +18,15 @@ from asglight.errors import InputError
 from asglight.images import write_exr
 from asglight.lobes import LobeTracks
 from asglight.usd import write_usd
-from asglight.viewer.arrangement import cells
-from asglight.viewer.display import Comparison
+from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.io import native
 from asglight.viewer.io.rendering import Rendering
 from asglight.viewer.io.wanted import Wanted
-from asglight.viewer.renderer import Renderer
-from asglight.viewer.session import Session
-from asglight.viewer.source import FixedSource
-from asglight.viewer.state import Request, ViewerState
+from asglight.viewer.state.display import Comparison
+from asglight.viewer.state.session import Session
+from asglight.viewer.state.source import FixedSource
+from asglight.viewer.state.viewer_state import Request, ViewerState
 
 SIZE = (240, 48)
 
@@ -122,6 +122,8 @@ def test_a_turntable_turns_once_and_comes_back(
     assert names == ["t.01.png", "t.02.png", "t.03.png", "t.04.png"]
     pictures = [pixels(tmp_path / name) for name in names]
     assert all(np.abs(pictures[0] - other).max() > 0.1 for other in pictures[1:])
+    render(opengl, session, Wanted(tmp_path / "rest.png", SIZE, turntable=1))
+    np.testing.assert_array_equal(pixels(tmp_path / "rest.png"), pictures[0])
     assert session.state.camera.environment_deg == 30.0
 
 

@@ -9,10 +9,10 @@ import torch
 
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks
-from asglight.viewer.reference import Reference
-from asglight.viewer.session import Session, no_lobes, padded
-from asglight.viewer.source import FixedSource, SourceStatus
-from asglight.viewer.state import ViewerState
+from asglight.viewer.reference.images import Reference
+from asglight.viewer.state.session import Session, no_lobes, padded
+from asglight.viewer.state.source import FixedSource, SourceStatus
+from asglight.viewer.state.viewer_state import ViewerState
 
 
 class Script:

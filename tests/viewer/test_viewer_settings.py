@@ -4,11 +4,11 @@
 import pytest
 
 from asglight.lobes import LobeTracks
-from asglight.viewer import settings
-from asglight.viewer.balls import Material
-from asglight.viewer.display import ViewTransform
-from asglight.viewer.playback import Pace
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state import settings
+from asglight.viewer.state.balls import Material
+from asglight.viewer.state.display import ViewTransform
+from asglight.viewer.state.playback import Pace
+from asglight.viewer.state.viewer_state import ViewerState
 
 
 def test_settings_come_back(two_lamps: LobeTracks) -> None:

@@ -13,12 +13,12 @@ from windows import Drive, Driven
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks, asg
 from asglight.viewer.app import set_up
-from asglight.viewer.playback import Playback
-from asglight.viewer.reference import Reference
-from asglight.viewer.session import Session
-from asglight.viewer.source import FixedSource
-from asglight.viewer.state import ViewerState
-from asglight.viewer.time_span import TimeSpan, tick_step
+from asglight.viewer.reference.images import Reference
+from asglight.viewer.state.playback import Playback
+from asglight.viewer.state.session import Session
+from asglight.viewer.state.source import FixedSource
+from asglight.viewer.state.time_span import TimeSpan, tick_step
+from asglight.viewer.state.viewer_state import ViewerState
 
 
 def ramp(tracks: LobeTracks) -> Reference:

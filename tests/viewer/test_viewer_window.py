@@ -16,8 +16,8 @@ from imgui_bundle.immapp import testing
 from windows import Drive, Driven
 
 from asglight.lobes import LobeTracks
-from asglight.viewer.display import Channel, Comparison, ViewTransform
-from asglight.viewer.playback import Pace
+from asglight.viewer.state.display import Channel, Comparison, ViewTransform
+from asglight.viewer.state.playback import Pace
 
 
 def bar_point(test: Any, share: float) -> ImVec2:
@@ -206,10 +206,10 @@ from imgui_bundle import imgui
 import torch
 from asglight.errors import InputError
 from asglight.lobes import Lobes, LobeTracks
-from asglight.viewer.screenshot import window_picture
-from asglight.viewer.session import Session
-from asglight.viewer.source import FixedSource
-from asglight.viewer.state import ViewerState
+from asglight.viewer.io.screenshot import window_picture
+from asglight.viewer.state.session import Session
+from asglight.viewer.state.source import FixedSource
+from asglight.viewer.state.viewer_state import ViewerState
 
 lobes = Lobes(torch.eye(3)[None, None], torch.ones(1, 1, 2), torch.ones(1, 1, 3))
 tracks = LobeTracks((1,), 24.0, lobes)
@@ -278,10 +278,11 @@ from imgui_bundle import hello_imgui
 import glfw
 import torch
 from asglight.lobes import Lobes, LobeTracks
-from asglight.viewer import running, screenshot
-from asglight.viewer.session import Session
-from asglight.viewer.source import FixedSource
-from asglight.viewer.state import ViewerState
+from asglight.viewer import running
+from asglight.viewer.io import screenshot
+from asglight.viewer.state.session import Session
+from asglight.viewer.state.source import FixedSource
+from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.window import Window
 
 lobes = Lobes(torch.eye(3)[None, None], torch.ones(1, 1, 2), torch.ones(1, 1, 3))

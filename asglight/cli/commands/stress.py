@@ -74,8 +74,8 @@ def tools_at_hand() -> "Tools":
     from asglight.shots import fit_sequence
 
     try:
-        from asglight.viewer.context import standalone_context
-        from asglight.viewer.lobe_probe import LobeProbe
+        from asglight.viewer.gl.context import standalone_context
+        from asglight.viewer.gl.lobe_probe import LobeProbe
 
         return Tools(fit_sequence, LobeProbe(standalone_context()))
     except ModuleNotFoundError as error:

@@ -14,7 +14,7 @@ from asglight.cli.reading import read_options
 from asglight.errors import InputError
 
 if TYPE_CHECKING:
-    from asglight.viewer.session import Session
+    from asglight.viewer.state.session import Session
 
 EXAMPLE = "asglight view shot.usda --reference sky.####.exr --frame 1001"
 
@@ -133,7 +133,7 @@ def _frame(text: str) -> float:
 
 def _exposure(text: str) -> float:
     """Read a number of stops."""
-    from asglight.viewer.display import EXPOSURE_EV_MAX
+    from asglight.viewer.state.display import EXPOSURE_EV_MAX
 
     with contextlib.suppress(ValueError):
         value = float(text)

@@ -44,7 +44,7 @@ VIEW = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
 
 
 class Shader(Protocol):
-    """The shaders' evaluation of lobes (asglight.viewer.lobe_probe)."""
+    """The shaders' evaluation of lobes (asglight.viewer.gl.lobe_probe)."""
 
     name: str
     lobes_max: int

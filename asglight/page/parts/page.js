@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The page of a shot. Shading is the viewer's shaders, which asglight/page/shaders.py put here; this
-// script lays out their uniform blocks (asglight/viewer/ball_blocks.py) and listens to the reader.
+// script lays out their uniform blocks (asglight/viewer/uniforms/ball_blocks.py) and listens to the reader.
 "use strict";
 
 (() => {

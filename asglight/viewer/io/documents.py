@@ -14,11 +14,9 @@ import numpy as np
 
 from asglight.errors import InputError
 from asglight.images.message import shown
-from asglight.viewer.edits import Edit
 from asglight.viewer.io.autosave import Autosave
 from asglight.viewer.io.browsing import Browser
-from asglight.viewer.reference import Reference, open_reference, whole_sequence
-from asglight.viewer.saving import (
+from asglight.viewer.io.saving import (
     Edited,
     check_can_save,
     edited,
@@ -26,8 +24,10 @@ from asglight.viewer.saving import (
     save_edits,
     write_png,
 )
-from asglight.viewer.session import Session
-from asglight.viewer.state import RENDERS, Request, ViewerState
+from asglight.viewer.reference.images import Reference, open_reference, whole_sequence
+from asglight.viewer.state.edits import Edit
+from asglight.viewer.state.session import Session
+from asglight.viewer.state.viewer_state import RENDERS, Request, ViewerState
 
 RECENT_MAX = 8
 """Files in the list of recent ones."""

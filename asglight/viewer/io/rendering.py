@@ -16,13 +16,13 @@ from PIL import Image, ImageDraw, ImageFont
 
 from asglight.errors import InputError
 from asglight.images.exr_writer import write_exr
-from asglight.viewer.arrangement import cells
-from asglight.viewer.display import Comparison
+from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.io.film import Film
+from asglight.viewer.io.saving import display_pixels, write_png
 from asglight.viewer.io.wanted import Wanted
-from asglight.viewer.renderer import Renderer
-from asglight.viewer.saving import display_pixels, write_png
-from asglight.viewer.session import Session
+from asglight.viewer.state.display import Comparison
+from asglight.viewer.state.session import Session
 
 SAMPLED = 0.25
 """Share of a finished reference that a picture waits for: half of its noise is below a step of 8
@@ -52,7 +52,9 @@ class Rendering:
         state = session.state
         state.playback.pause()
         self._before = state.playback.time, state.camera.environment_deg
-        self._steps = list(_turns(wanted) if wanted.turntable else _frames(session))
+        self._steps = _frames(session)
+        if wanted.turntable is not None:
+            self._steps = _turns(wanted.turntable, state.camera.environment_deg)
         self.count, self.done = len(self._steps), 0
         wanted.check(self.count)
         is_film = wanted.path.suffix.lower() == ".mp4"
@@ -70,7 +72,9 @@ class Rendering:
         number, place = self._steps[self.done]
         place(session)
         status = session.update()
-        if not state.is_fitted and state.tracks.lobes.count and not status.is_finished:
+        if status.failure is not None:
+            raise InputError(status.failure)
+        if not state.is_fitted and not status.is_finished:
             return False
         if state.references is not None and state.reference_image is None:
             message = state.references.message(state.playback.frame)
@@ -162,15 +166,14 @@ def _go_to(frame: int) -> Callable[[Session], None]:
     return lambda session: session.state.playback.go_to(frame)
 
 
-def _turns(wanted: Wanted) -> list[tuple[int, Callable[[Session], None]]]:
+def _turns(count: int, start_deg: float) -> list[tuple[int, Callable[[Session], None]]]:
     """Return the pictures of one turn, numbered from 1: the last is a step before the first."""
-    assert wanted.turntable is not None
 
     def turned(index: int) -> Callable[[Session], None]:
         def _place(session: Session) -> None:
-            degrees = math.remainder(index * 360 / (wanted.turntable or 1), 360)
+            degrees = math.remainder(start_deg + index * 360 / count, 360)
             session.state.camera.environment_deg = degrees
 
         return _place
 
-    return [(index + 1, turned(index)) for index in range(wanted.turntable)]
+    return [(index + 1, turned(index)) for index in range(count)]

@@ -3,12 +3,12 @@
 
 from imgui_bundle import ImVec2, imgui
 
-from asglight.viewer.arrangement import Cell, cells, hit
-from asglight.viewer.display import Comparison, Subject
-from asglight.viewer.inspecting import inspect
+from asglight.viewer.gl.arrangement import Cell, cells, hit
+from asglight.viewer.gl.inspecting import inspect
+from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.panels import legend, widgets
-from asglight.viewer.renderer import Renderer
-from asglight.viewer.state import Probe, ViewerState
+from asglight.viewer.state.display import Comparison, Subject
+from asglight.viewer.state.viewer_state import Probe, ViewerState
 
 _NAMES = {
     Subject.TOTAL: ("Fit", "Reference (HDRI)"),

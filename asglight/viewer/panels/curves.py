@@ -7,10 +7,10 @@ import numpy as np
 from imgui_bundle import ImVec2, ImVec4, imgui, implot
 
 from asglight.lobes import LobeTracks
-from asglight.viewer.display import LUMINANCE
-from asglight.viewer.held import Held
 from asglight.viewer.panels import widgets
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state.display import LUMINANCE
+from asglight.viewer.state.held import Held
+from asglight.viewer.state.viewer_state import ViewerState
 
 DECADES = 12
 """Below the brightest lobe at most; what is out runs along the floor."""

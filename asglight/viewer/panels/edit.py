@@ -8,10 +8,10 @@ from imgui_bundle import imgui
 
 from asglight.lobes import Form
 from asglight.usd.lights.colour_temperature import KELVIN_LIMITS, rgb_of
-from asglight.viewer.absolute import Lamp, lamp_of
-from asglight.viewer.display import EXPOSURE_EV_MAX
 from asglight.viewer.panels import widgets
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state.absolute import Lamp, lamp_of
+from asglight.viewer.state.display import EXPOSURE_EV_MAX
+from asglight.viewer.state.viewer_state import ViewerState
 
 _TINT_LIMITS = (-3.0, 3.0)
 """Stops of green: beyond them a light is magenta or green and no lamp."""

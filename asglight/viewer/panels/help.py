@@ -5,10 +5,10 @@ import itertools
 
 from imgui_bundle import imgui
 
-from asglight.viewer.commands import COMMANDS, FLIP_KEY
 from asglight.viewer.panels import widgets
-from asglight.viewer.session import Session
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state.commands import COMMANDS, FLIP_KEY
+from asglight.viewer.state.session import Session
+from asglight.viewer.state.viewer_state import ViewerState
 
 _MOUSE = (
     ("drag on the balls", "orbit; on the wipe line: move it"),

@@ -4,7 +4,7 @@
 from imgui_bundle import imgui
 
 from asglight.viewer.panels import widgets
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
 
 
 def history(state: ViewerState) -> None:

@@ -4,8 +4,8 @@
 import numpy as np
 from imgui_bundle import imgui
 
-from asglight.viewer.inspector import angles_deg, stops
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state.inspector import angles_deg, stops
+from asglight.viewer.state.viewer_state import ViewerState
 
 LOBES_SHOWN = 4
 

@@ -3,16 +3,16 @@
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from asglight.viewer.display import (
+from asglight.viewer.gl.passes import DIVERGING_SCALE, STOPS_SCALE, scale_colours
+from asglight.viewer.panels import widgets
+from asglight.viewer.state.display import (
     FALSE_COLOUR_EV,
     MIDDLE_GREY,
     RATIO_EV,
     Comparison,
     ViewTransform,
 )
-from asglight.viewer.panels import widgets
-from asglight.viewer.passes import DIVERGING_SCALE, STOPS_SCALE, scale_colours
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
 
 _STEPS = 64
 

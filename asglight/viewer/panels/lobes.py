@@ -6,12 +6,12 @@ from functools import lru_cache
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from asglight.lobes import LobeTracks
-from asglight.viewer import picking
-from asglight.viewer.commands import command
-from asglight.viewer.held import Held
 from asglight.viewer.panels import widgets
 from asglight.viewer.panels.edit import edit_controls
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state import picking
+from asglight.viewer.state.commands import command
+from asglight.viewer.state.held import Held
+from asglight.viewer.state.viewer_state import ViewerState
 
 _CONTROLS_EM = 19.0
 """Height of the controls below the list."""

@@ -3,10 +3,10 @@
 
 from imgui_bundle import imgui
 
-from asglight.viewer.commands import ENVIRONMENT_STEP_DEG, FLIP_KEY, command
-from asglight.viewer.display import EXPOSURE_EV_MAX
 from asglight.viewer.panels import widgets
-from asglight.viewer.state import INTENSITY_EV_MAX, ViewerState
+from asglight.viewer.state.commands import ENVIRONMENT_STEP_DEG, FLIP_KEY, command
+from asglight.viewer.state.display import EXPOSURE_EV_MAX
+from asglight.viewer.state.viewer_state import INTENSITY_EV_MAX, ViewerState
 
 
 def look(state: ViewerState) -> None:

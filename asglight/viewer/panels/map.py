@@ -9,13 +9,13 @@ from imgui_bundle import ImVec2, imgui
 
 from asglight.lobes import Lobes
 from asglight.sphere import latlong
-from asglight.viewer import outlines
-from asglight.viewer.commands import command
-from asglight.viewer.held import Held
+from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.panels import legend, widgets
-from asglight.viewer.picking import pick
-from asglight.viewer.renderer import Renderer
-from asglight.viewer.state import Outlines, Probe, ViewerState
+from asglight.viewer.state.commands import command
+from asglight.viewer.state.held import Held
+from asglight.viewer.state.picking import pick
+from asglight.viewer.state.viewer_state import Outlines, Probe, ViewerState
+from asglight.viewer.uniforms import outlines
 
 CLICK_POINTS = 4.0
 """As far from a small lobe a click still means it."""

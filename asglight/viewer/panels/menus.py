@@ -6,9 +6,9 @@ from pathlib import Path
 
 from imgui_bundle import hello_imgui, imgui
 
-from asglight.viewer.commands import command
 from asglight.viewer.io.documents import Documents
-from asglight.viewer.state import Theme, ViewerState
+from asglight.viewer.state.commands import command
+from asglight.viewer.state.viewer_state import Theme, ViewerState
 
 
 def menus(documents: Documents) -> None:

@@ -5,9 +5,9 @@ import math
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from asglight.viewer.commands import command
 from asglight.viewer.panels import widgets
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state.commands import command
+from asglight.viewer.state.viewer_state import ViewerState
 
 FPS_LIMITS = (1.0, 240.0)
 

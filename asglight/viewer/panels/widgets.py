@@ -7,8 +7,8 @@ from typing import TypeVar
 import numpy as np
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from asglight.viewer.commands import COMMANDS, Command, command
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state.commands import COMMANDS, Command, command
+from asglight.viewer.state.viewer_state import ViewerState
 
 E = TypeVar("E", bound=StrEnum)
 

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes, asg
-from asglight.viewer.display import LUMINANCE
-from asglight.viewer.outlines import HALF_PEAK, half_angles
+from asglight.viewer.state.display import LUMINANCE
+from asglight.viewer.uniforms.outlines import HALF_PEAK, half_angles
 
 
 def pick(

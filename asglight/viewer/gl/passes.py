@@ -15,10 +15,10 @@ import numpy as np
 
 from asglight import shader_files
 from asglight.lobes import Lobes
-from asglight.viewer import glsl
-from asglight.viewer.display import Comparison, Display, ViewTransform
-from asglight.viewer.shader_defines import DEFINES, SURROUND
-from asglight.viewer.state import MAX_LOBES
+from asglight.viewer.gl import glsl
+from asglight.viewer.state.display import Comparison, Display, ViewTransform
+from asglight.viewer.state.viewer_state import MAX_LOBES
+from asglight.viewer.uniforms.shader_defines import DEFINES, SURROUND
 
 STOPS_SCALE = "viridis"
 """matplotlib's name of the false-colour scale: even steps, also for colour-blind eyes."""

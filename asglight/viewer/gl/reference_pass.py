@@ -12,9 +12,9 @@ import moderngl
 import numpy as np
 import torch
 
-from asglight.viewer.balls import Ball
-from asglight.viewer.passes import pass_program, radiance_target, release_target, target_texture
-from asglight.viewer.reference_map import prepared
+from asglight.viewer.gl.passes import pass_program, radiance_target, release_target, target_texture
+from asglight.viewer.reference.reference_map import prepared
+from asglight.viewer.state.balls import Ball
 
 TARGET_SAMPLES = 1024
 """Samples of a pixel at which a picture is finished: errors are about 1 %, docs/reference.md."""
@@ -54,7 +54,7 @@ class ReferencePass:
     """
 
     def __init__(self, context: moderngl.Context, albedo_table: moderngl.Texture) -> None:
-        """Compile the pass; the table is that of `asglight.viewer.albedo_table`."""
+        """Compile the pass; the table is that of `asglight.viewer.gl.albedo_table`."""
         self._context = context
         self._program = pass_program(context, "reference.frag")
         self._triangle = context.vertex_array(self._program, [])

@@ -18,10 +18,10 @@ import torch
 
 from asglight.lobes import Form, Lobes, asg
 from asglight.usd.lights.colour_temperature import temperature_of
-from asglight.viewer.balls import Rgb
-from asglight.viewer.display import LUMINANCE, MIDDLE_GREY
-from asglight.viewer.edits import LOG2_MAX, TINT_MIN, Edit
-from asglight.viewer.outlines import half_angles
+from asglight.viewer.state.balls import Rgb
+from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY
+from asglight.viewer.state.edits import LOG2_MAX, TINT_MIN, Edit
+from asglight.viewer.uniforms.outlines import half_angles
 
 FIELDS = ("azimuth", "elevation", "roll", "width", "height", "intensity")
 

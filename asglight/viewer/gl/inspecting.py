@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keeps the inspector's numbers those of the frame, the edits and the view that are shown."""
 
-from asglight.viewer.arrangement import cells, hit
-from asglight.viewer.display import Comparison
-from asglight.viewer.inspector import inspect_ball, inspect_map
-from asglight.viewer.renderer import Renderer
-from asglight.viewer.state import ViewerState
+from asglight.viewer.gl.arrangement import cells, hit
+from asglight.viewer.gl.renderer import Renderer
+from asglight.viewer.state.display import Comparison
+from asglight.viewer.state.inspector import inspect_ball, inspect_map
+from asglight.viewer.state.viewer_state import ViewerState
 
 
 def inspect(state: ViewerState, renderer: Renderer, size: tuple[int, int]) -> None:

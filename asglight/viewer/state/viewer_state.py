@@ -14,9 +14,10 @@ import torch
 
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, asg, flat, motion
-from asglight.viewer.balls import WHITE, Ball, Material, Rgb, ball_row
-from asglight.viewer.camera import Camera
-from asglight.viewer.display import (
+from asglight.viewer.reference.images import Reference
+from asglight.viewer.state.balls import WHITE, Ball, Material, Rgb, ball_row
+from asglight.viewer.state.camera import Camera
+from asglight.viewer.state.display import (
     EXPOSURE_EV_STEP,
     LUMINANCE,
     MIDDLE_GREY,
@@ -24,13 +25,12 @@ from asglight.viewer.display import (
     Display,
     Subject,
 )
-from asglight.viewer.editing import Editing
-from asglight.viewer.edits import EditHistory, toggle_mute
-from asglight.viewer.held import Held
-from asglight.viewer.picking import energies
-from asglight.viewer.playback import Playback
-from asglight.viewer.reference import Reference
-from asglight.viewer.time_span import TimeSpan
+from asglight.viewer.state.editing import Editing
+from asglight.viewer.state.edits import EditHistory, toggle_mute
+from asglight.viewer.state.held import Held
+from asglight.viewer.state.picking import energies
+from asglight.viewer.state.playback import Playback
+from asglight.viewer.state.time_span import TimeSpan
 
 MAX_LOBES = 128
 """Lobes in a frame: 8 KiB of the 16 KiB that every OpenGL has for a uniform block."""

@@ -13,8 +13,8 @@ from asglight.images.message import shown
 from asglight.images.output import written_beside
 from asglight.lobes import LobeTracks
 from asglight.usd import write_edit_layer
-from asglight.viewer.edits import Edit
-from asglight.viewer.session import Session
+from asglight.viewer.state.edits import Edit
+from asglight.viewer.state.session import Session
 
 
 class Edited(NamedTuple):

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from asglight.viewer.arrangement import Cell
+from asglight.viewer.gl.arrangement import Cell
 
 
 def ball_errors(

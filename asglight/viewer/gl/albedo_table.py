@@ -3,7 +3,7 @@
 
 import moderngl
 
-from asglight.viewer.albedo_values import SIZE, albedo_values
+from asglight.viewer.uniforms.albedo_values import SIZE, albedo_values
 
 
 def albedo_table(context: moderngl.Context) -> moderngl.Texture:

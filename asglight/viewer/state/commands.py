@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, TypeVar
 
-from asglight.viewer.display import EXPOSURE_EV_STEP
-from asglight.viewer.state import Request, ViewerState
+from asglight.viewer.state.display import EXPOSURE_EV_STEP
+from asglight.viewer.state.viewer_state import Request, ViewerState
 
 E = TypeVar("E", bound=StrEnum)
 

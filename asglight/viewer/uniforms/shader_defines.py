@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from asglight import shader_files
 from asglight.shading.glsl_constants import CONSTANTS
-from asglight.viewer.display import (
+from asglight.viewer.state.display import (
     FALSE_COLOUR_EV,
     MIDDLE_GREY,
     RATIO_EV,
@@ -13,7 +13,7 @@ from asglight.viewer.display import (
     Comparison,
     ViewTransform,
 )
-from asglight.viewer.state import MAX_LOBES, SHEETS_MAX
+from asglight.viewer.state.viewer_state import MAX_LOBES, SHEETS_MAX
 
 DEFINES: Mapping[str, float] = {
     "MAX_LOBES": MAX_LOBES,

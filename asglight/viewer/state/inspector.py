@@ -8,10 +8,10 @@ import torch
 
 from asglight.lobes import asg
 from asglight.sphere import latlong
-from asglight.viewer import picking
-from asglight.viewer.arrangement import Hit
-from asglight.viewer.display import LUMINANCE, MIDDLE_GREY
-from asglight.viewer.state import Inspected, ViewerState
+from asglight.viewer.gl.arrangement import Hit
+from asglight.viewer.state import picking
+from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY
+from asglight.viewer.state.viewer_state import Inspected, ViewerState
 
 SHARE_MIN = 0.01
 """Lobes that send less than a hundredth of the light are not named."""

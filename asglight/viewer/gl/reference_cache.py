@@ -4,8 +4,8 @@
 from collections import OrderedDict
 from collections.abc import Hashable
 
-from asglight.viewer.passes import release_target
-from asglight.viewer.reference_pass import Accumulation
+from asglight.viewer.gl.passes import release_target
+from asglight.viewer.gl.reference_pass import Accumulation
 
 
 class ReferenceCache:

@@ -9,18 +9,18 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import Lobes
-from asglight.viewer.albedo_table import albedo_table
-from asglight.viewer.balls import WHITE, Ball
-from asglight.viewer.balls_pass import BallsPass
-from asglight.viewer.context import describe
-from asglight.viewer.passes import (
+from asglight.viewer.gl.albedo_table import albedo_table
+from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.gl.context import describe
+from asglight.viewer.gl.passes import (
     cover,
     packed_lobes,
     pass_program,
     radiance_target,
     release_target,
 )
-from asglight.viewer.state import MAX_LOBES
+from asglight.viewer.state.balls import WHITE, Ball
+from asglight.viewer.state.viewer_state import MAX_LOBES
 
 COLUMNS = 256
 """Of the target that takes values at directions: every OpenGL has wider ones."""

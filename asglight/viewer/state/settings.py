@@ -4,10 +4,10 @@
 import json
 from contextlib import suppress
 
-from asglight.viewer.balls import Material
-from asglight.viewer.display import ViewTransform
-from asglight.viewer.playback import Pace
-from asglight.viewer.state import Theme, ViewerState
+from asglight.viewer.state.balls import Material
+from asglight.viewer.state.display import ViewTransform
+from asglight.viewer.state.playback import Pace
+from asglight.viewer.state.viewer_state import Theme, ViewerState
 
 
 def as_text(state: ViewerState) -> str:

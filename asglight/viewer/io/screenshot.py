@@ -12,9 +12,9 @@ from imgui_bundle import hello_imgui
 import glfw  # isort: skip
 
 from asglight.errors import InputError
-from asglight.viewer.context import no_opengl
+from asglight.viewer.gl.context import no_opengl
 from asglight.viewer.running import run
-from asglight.viewer.session import Session
+from asglight.viewer.state.session import Session
 from asglight.viewer.window import Window
 
 PICTURES_MIN = 4

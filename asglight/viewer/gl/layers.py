@@ -12,20 +12,20 @@ import numpy as np
 
 from asglight.lobes import Lobes
 from asglight.lobes.texels import texel_means
-from asglight.viewer.arrangement import cells
-from asglight.viewer.balls_pass import BallsPass
-from asglight.viewer.held import Held
-from asglight.viewer.map_lobes import widened
-from asglight.viewer.passes import (
+from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.gl.passes import (
     BackgroundPass,
     LobesPass,
     radiance_target,
     release_target,
     target_texture,
 )
-from asglight.viewer.reference_cache import ReferenceCache
-from asglight.viewer.reference_pass import ReferencePass
-from asglight.viewer.state import ViewerState
+from asglight.viewer.gl.reference_cache import ReferenceCache
+from asglight.viewer.gl.reference_pass import ReferencePass
+from asglight.viewer.state.held import Held
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.uniforms.map_lobes import widened
 
 MAP_ROWS = 256
 """Rows of the lobes' map: as many as the panel shows; half of them while something moves."""

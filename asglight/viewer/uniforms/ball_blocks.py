@@ -20,7 +20,7 @@ from torch import Tensor
 from asglight.shader_files import enum_number
 from asglight.shading import ggx_layer, ggx_lobes
 from asglight.shading.sheets import Sheets
-from asglight.viewer.balls import Ball
+from asglight.viewer.state.balls import Ball
 
 Cell = tuple[int, int, int]
 """x, y and size, in pixels of the target, of a ball's square; y counts from the image's top row."""

@@ -13,10 +13,10 @@ import torch
 from asglight.lobes import Lobes, asg
 from asglight.shader_files import enum_number
 from asglight.shading.sheets import Sheets, amplitudes, sheets
-from asglight.viewer.ball_blocks import Cell, packed
-from asglight.viewer.balls import Ball
-from asglight.viewer.passes import pass_program
-from asglight.viewer.shader_defines import DEFINES
+from asglight.viewer.gl.passes import pass_program
+from asglight.viewer.state.balls import Ball
+from asglight.viewer.uniforms.ball_blocks import Cell, packed
+from asglight.viewer.uniforms.shader_defines import DEFINES
 
 _MAX_SHEETS = int(DEFINES["MAX_SHEETS"])
 

@@ -10,8 +10,8 @@ import torch
 
 from asglight.errors import InputError
 from asglight.lobes import Lobes, LobeTracks
-from asglight.viewer.source import SourceStatus, TrackSource
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state.source import SourceStatus, TrackSource
+from asglight.viewer.state.viewer_state import ViewerState
 
 WAIT_SECONDS = 0.02
 """Between two looks at a source that is waited for: half the time that a live frame takes."""

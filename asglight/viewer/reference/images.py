@@ -9,7 +9,7 @@ import numpy as np
 from asglight.images import frame_files, open_sequence
 from asglight.images.frame_files import ranges, sequence_of
 from asglight.images.options import ReadOptions
-from asglight.viewer.prefetch import FrameCache
+from asglight.viewer.reference.prefetch import FrameCache
 
 HEIGHT_MAX = 1024
 """Rows that larger images are averaged down to: 2048 columns are as many as a screen shows of a

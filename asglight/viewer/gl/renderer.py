@@ -7,13 +7,11 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from asglight.viewer.albedo_table import albedo_table
-from asglight.viewer.arrangement import cells
-from asglight.viewer.compare import ball_errors
-from asglight.viewer.display import Comparison, Subject
-from asglight.viewer.draft import Draft, Stopwatch
-from asglight.viewer.held import Held
-from asglight.viewer.layers import (
+from asglight.viewer.gl.albedo_table import albedo_table
+from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.gl.compare import ball_errors
+from asglight.viewer.gl.draft import Draft, Stopwatch
+from asglight.viewer.gl.layers import (
     Background,
     ClosedForm,
     Integral,
@@ -23,14 +21,16 @@ from asglight.viewer.layers import (
     lit_map,
     lobes_key,
 )
-from asglight.viewer.passes import (
+from asglight.viewer.gl.passes import (
     BackgroundPass,
     DisplayPass,
     Picture,
     display_target,
     release_target,
 )
-from asglight.viewer.state import ViewerState
+from asglight.viewer.state.display import Comparison, Subject
+from asglight.viewer.state.held import Held
+from asglight.viewer.state.viewer_state import ViewerState
 
 
 @dataclass

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The images that lobes are compared with: opened, decoded ahead, split for sampling."""
