@@ -86,7 +86,7 @@ def _row(state: ViewerState, lobe: int, share: float) -> None:
         imgui.set_scroll_here_y(0.5)
     imgui.set_item_tooltip("Click to select. A star marks what was edited")
     if lobe in state.history.edited_lobes:
-        imgui.same_line(imgui.get_content_region_avail().x)
+        imgui.same_line(imgui.get_content_region_avail().x - widgets.em(0.5))
         imgui.text_colored(widgets.ACCENT, "*")
     imgui.table_next_column()
     imgui.progress_bar(share, ImVec2(-1, imgui.get_font_size()), f"{100 * share:.1f} %")
