@@ -21,7 +21,7 @@ from asglight.page.html import page_balls, write_page
 from asglight.page.numbers import numbers_of
 from asglight.page.reference import reference_of
 from asglight.shading.balls import coverage
-from asglight.viewer import passes
+from asglight.viewer.gl import passes
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.balls_pass import BallsPass
 from asglight.viewer.gl.layers import MAP_ROWS
