@@ -4,6 +4,7 @@
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,9 @@ ALLOWED = {
 asglight.c_library, and asglight itself (for its version)."""
 
 ONLY_IN = {"pxr": {"usd"}, "moderngl": {"viewer"}, "imgui_bundle": {"viewer"}}
+
+FILES_MAX = 21
+"""Python files of a folder."""
 
 FARM = PACKAGE / "shots" / "parts" / "farm.py"
 """The one file that knows Dask, which few users have."""
@@ -82,6 +86,33 @@ def test_one_file_knows_dask_and_only_the_command_line_knows_that_file() -> None
 def test_every_room_has_its_rule() -> None:
     rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()}
     assert rooms <= ALLOWED.keys()
+
+
+def test_files_do_not_import_each_other_in_a_circle() -> None:
+    """When they are loaded; what is imported where it is used is no circle."""
+    modules = {_module(source): source for source in sources()}
+    needs = {
+        module: {
+            name if name in modules else name.rpartition(".")[0]
+            for statement in ast.parse(source.read_text()).body
+            if isinstance(statement, ast.ImportFrom)
+            for name in (f"{statement.module}.{alias.name}" for alias in statement.names)
+        }
+        for module, source in modules.items()
+    }
+    order = TopologicalSorter({m: n & modules.keys() - {m} for m, n in needs.items()})
+    order.prepare()  # raises CycleError, which names the circle
+
+
+def _module(source: Path) -> str:
+    parts = source.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def test_a_folder_holds_what_a_newcomer_can_take_in() -> None:
+    """About sixteen files; the command line's shared parts are the most."""
+    count = {folder: len(list(folder.glob("*.py"))) for folder in (*PACKAGE.rglob("*/"), PACKAGE)}
+    assert max(count.values()) <= FILES_MAX, max(count, key=lambda folder: count[folder])
 
 
 def test_importing_asglight_loads_neither_usd_nor_a_window() -> None:
