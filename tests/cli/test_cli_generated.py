@@ -18,6 +18,7 @@ import sky_files
 import torch
 from usd_tracks import moving
 
+from asglight.arrays import feeds
 from asglight.cli import built_in, farm, opening
 from asglight.cli.commands import bench, compare, demo, evaluate, figures, stress
 from asglight.cli.main import COMMANDS, _parser, main
@@ -199,6 +200,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (app, "write_screenshot"),
         (app, "check"),
         (built_in, "environment"),
+        (feeds.Folder, "_first_whole"),  # which waits for images to come
     ]:
         monkeypatch.setattr(place, name, cut)
     monkeypatch.setattr(trust, "_ASKED", trust._Asked())  # which --follow-references changes
