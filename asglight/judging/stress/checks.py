@@ -18,7 +18,7 @@ from torch import Tensor
 from asglight.judging import metrics
 from asglight.judging.stress.case import Recovery
 from asglight.lobes import Form, Lobes, LobeTracks, asg, texels
-from asglight.lobes.frames import canonical
+from asglight.lobes.frames import align, canonical
 from asglight.shading import ggx, ggx_layer, ggx_lobes, rectified
 from asglight.shading.sheets import amplitudes, sheets
 from asglight.sphere import latlong
@@ -122,10 +122,15 @@ def stage_error(tracks: LobeTracks) -> float:
 
 
 def lobes_change(before: Lobes, after: Lobes) -> float:
-    """Return the largest change of any lobe, as `stage_error` counts it.  [..., N, .]."""
+    """Return the largest change of any lobe, as `stage_error` counts it.  [..., N, .].
+
+    A lobe is the same with its axes x and y and their sharpness exchanged: a stage has those that
+    turn least from frame to frame.
+    """
     a, b = before.to(torch.float64), after.to(torch.float64)
     if a.axes.shape != b.axes.shape or a.form is not b.form:
         return math.inf
+    b = align(b, a)
     angle = (a.axes - b.axes).norm(dim=-1)
     sharpness = (b.sharpness - a.sharpness) / a.sharpness
     brightest = a.amplitude.amax(-1, keepdim=True).clamp(min=NORMAL_MIN)
