@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from key_cases import Rectangle, with_lamps
+from pxr import Usd
 
 from asglight.cli.main import main
 from asglight.images import write_exr
@@ -47,6 +48,26 @@ def test_a_stage_gets_keys_beside_what_it_has(folder, tmp_path, capsys) -> None:
     text = capsys.readouterr().out
     assert "representation: keys (also cards)" in text
     assert "keys: 2, with " in text
+
+
+def test_info_tells_of_a_key_that_was_edited_and_of_no_other(folder, tmp_path, capsys) -> None:
+    """A layer over the stage, as other programs write it."""
+    target = tmp_path / "keyed.usda"
+    assert run("keys", folder / "sky.usda", "--reference", folder / "sky.#.exr", "-o", target) == 0
+    capsys.readouterr()
+    assert run("info", target) == 0
+    assert "edited:" not in capsys.readouterr().out
+    stage = Usd.Stage.CreateNew(str(tmp_path / "edit.usda"))
+    stage.GetRootLayer().subLayerPaths = ["./keyed.usda"]
+    key = stage.GetPrimAtPath("/AsgRig/Keys").GetChildren()[0]
+    light = key.GetAttribute("inputs:intensity")
+    for time, value in [(time, light.Get(time)) for time in light.GetTimeSamples()]:
+        light.Set(value / 2, time)
+    light.Set(light.Get() / 2)
+    stage.Save()
+    assert run("info", tmp_path / "edit.usda") == 0
+    edits = [one for one in capsys.readouterr().out.splitlines() if one.startswith("edited:")]
+    assert edits == [f"edited: {key.GetPath()}: light x 0.5"]
 
 
 def test_json_has_the_numbers_of_every_key(folder, tmp_path, capsys) -> None:

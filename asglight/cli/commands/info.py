@@ -51,17 +51,22 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"{option}: given with a stage; expected it with images only.")
     from asglight.usd import read_stage
     from asglight.usd.read.between import samples_between
+    from asglight.usd.read.keys import read_keys
     from asglight.usd.stage import representations_of
 
     shown, held = representations_of(arguments.stage, arguments.rig)
     reading = read_stage(arguments.stage, arguments.rig)
+    keys = read_keys(arguments.stage, arguments.rig)
+    of_keys = () if keys is None else keys.changes
+    # what is done to the rig is told of its keys too
+    changes = dict.fromkeys([*reading.changes, *of_keys])
     document = {
         "stage": arguments.stage,
         "bytes": os.path.getsize(arguments.stage),
         "representation": shown,
         "representations": held,
         "samples_between": samples_between(arguments.stage, arguments.rig),
-        "changes": list(reading.changes),
+        "changes": list(changes),
         "unread": list(reading.unread),
         **as_document(reading.tracks),
         "ill_conditioned": reading.tracks.metadata.get("ill_conditioned", []),
