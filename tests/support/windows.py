@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A window without a display, driven by a script of the Dear ImGui test engine."""
 
+import faulthandler
+import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
@@ -102,4 +105,17 @@ def drive(tracks: LobeTracks, script: Callable[[Any, Driven], None], **options: 
             add_ons_params=immapp.AddOnsParams(with_implot=True),
         )
     finally:
+        take_signals_back()
         driven.window.raise_failure()  # the script fails as well, but this is why
+
+
+def take_signals_back() -> None:
+    """Undo the crash handlers that the test engine leaves behind.
+
+    They ask for the window's context, which is gone. One of them is for SIGPIPE, which Python
+    ignores: with it a later test that writes to a process that has ended would crash instead of
+    having a BrokenPipeError.
+    """
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    faulthandler.disable()
+    faulthandler.enable(sys.__stderr__)
