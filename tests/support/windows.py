@@ -3,7 +3,6 @@
 
 import faulthandler
 import signal
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
@@ -22,6 +21,8 @@ from asglight.viewer.state.viewer_state import ViewerState
 
 SIZE = (1200, 800)
 
+
+STDERR = 2
 
 WAIT_PICTURES = 600
 """Pictures to wait for a thread at most: they take milliseconds, the thread less than a second."""
@@ -118,4 +119,4 @@ def take_signals_back() -> None:
     """
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     faulthandler.disable()
-    faulthandler.enable(sys.__stderr__)
+    faulthandler.enable(STDERR)
