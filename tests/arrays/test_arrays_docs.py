@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Python of docs/python.md, run from its first line to its last."""
+"""The Python of docs/guides/python.md, run from its first line to its last."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ import sky_files
 
 import asglight
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "guides" / "python.md"
 
 
 def test_the_page_runs_and_gives_the_shapes_that_it_says(
