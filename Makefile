@@ -43,7 +43,7 @@ stress: setup    ## stiff, extreme and broken input, measured, into docs/results
 	cp stress-output/stress.md docs/results/stress.md
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
-	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
+	$(BIN)/python -m benchmarks.fits --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
 
 bench-motion: setup  ## light between frames and at them, on SEQUENCES2X and SEQUENCES (bench-motion/)
 	$(BIN)/python -m benchmarks.motion.measure --sequences "$(SEQUENCES2X)" "$(SEQUENCES)" -o bench-motion
@@ -59,7 +59,7 @@ figures: setup   ## the paper's figures on MAPS and SEQUENCES, into docs/results
 	$(BIN)/asglight figures losses "$(MAPS)/lobby.exr" -o figures-output
 	$(BIN)/asglight figures time "$(SEQUENCES)/handheld" --frames 1001-1010 -o figures-output
 	$(BIN)/asglight figures forms "$(MAPS)/lobby.exr" -o figures-output
-	$(BIN)/python benchmarks/docs_figures.py figures-output docs
+	$(BIN)/python -m benchmarks.results.figures figures-output docs
 
 test: setup      ## all tests, a file of them on each core at a time
 	$(BIN)/python -m pytest -n auto --dist loadfile
