@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator
 from itertools import islice
 
-from benchmarks import rounding
+from benchmarks.steps import rounding
 from benchmarks.gpu.data import maps
 from benchmarks.gpu.rows import Given, Row
 
