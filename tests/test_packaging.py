@@ -13,12 +13,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from places import ROOT
 
 import asglight
 from asglight import c_library
 from asglight.fitting import compiled
-
-ROOT = Path(__file__).resolve().parents[1]
 
 DEMO = """\
 import json, sys
