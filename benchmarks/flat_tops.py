@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flat lobes beside asg lobes of the same eight numbers: the table of docs/method/fitting.md.
+"""Flat lobes beside asg lobes of the same eight numbers: docs/results/parts-of-a-fit.md.
 
     python benchmarks/flat_tops.py ../shared/hdri/studio.exr ../shared/sequences/tunnel/*.1018.exr
 

@@ -2,8 +2,10 @@
 """Blocks: what a command made in a page, between two comments that name the command.
 
     <!-- made by: python -m benchmarks.some --maps ../shared/hdri [some.1] -->
+
     | map | error |
     ...
+
     <!-- end -->
 
 `some.1` is the first table of the part `some` (parts.toml), `some.page` a file that it wrote,
@@ -32,7 +34,7 @@ class Block:
     Attributes:
         name: `PART.N`, `PART.page` or `PART.picture`.
         command: As the page names it.
-        content: The lines between the comments, without the newline at the end.
+        content: The lines between the comments, without empty ones around them.
     """
 
     name: str
@@ -41,7 +43,8 @@ class Block:
 
     def text(self) -> str:
         """Return the block as it stands in a page."""
-        return f"<!-- made by: {self.command} [{self.name}] -->\n{self.content}\n{END}"
+        # with empty lines: a comment and a table would be one block of HTML to some readers
+        return f"<!-- made by: {self.command} [{self.name}] -->\n\n{self.content}\n\n{END}"
 
 
 def pieces(page: str) -> Iterator[str | Block]:
@@ -62,7 +65,7 @@ def pieces(page: str) -> Iterator[str | Block]:
         elif line == END and start is None:
             raise ValueError(f"{END} without a block before it")
         elif line == END and start is not None:
-            yield Block(start["name"], start["command"], "\n".join(held))
+            yield Block(start["name"], start["command"], "\n".join(held).strip("\n"))
             held, start = [], None
         else:
             held.append(line)

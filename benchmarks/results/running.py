@@ -66,14 +66,12 @@ def complaints(root: Path, parts: dict[str, Part]) -> list[str]:
         text = path.read_text()
         found += [f"{path.name}: no command for the table {head}" for head in loose_numbers(text)]
         for block in blocks(text):
-            part, _, what = block.name.partition(".")
+            part = block.name.partition(".")[0]
             named.add(part)
             if part not in parts:
                 found.append(f"{path.name}: [{block.name}]: parts.toml has no such part")
             elif block.command != parts[part].shown():
                 found.append(f"{path.name}: [{block.name}]: names another command than parts.toml")
-            elif what.isdecimal() and not 1 <= int(what) <= parts[part].tables:
-                found.append(f"{path.name}: [{block.name}]: the part has no such table")
     return found + [f"parts.toml: {name}: is in no page" for name in parts if name not in named]
 
 
@@ -108,10 +106,15 @@ def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Wh
             raise PartError(f"{' '.join(words)}: ended with status {run.returncode}")
     (output / "stdout.txt").write_text(printed)
     content = _contents(part, output, printed)
+    missing = _asked(part, root) - content.keys()
+    if missing:
+        raise PartError(f"made no {', '.join(sorted(missing))}")
     for target, source in part.pictures.items():
-        if not (output / source).is_file():
-            raise PartError(f"drew no {source}")
-        shutil.copyfile(output / source, root / target)
+        drawn = sorted(output.glob(source))
+        if not drawn:
+            raise PartError(f"made no {source}")
+        (root / target).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(drawn[0], root / target)
     note = where.note(part.shown())
     for path in pages(root):
         text = path.read_text()
@@ -127,17 +130,20 @@ def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Wh
         path.write_text(with_blocks(text, made))
 
 
+def _asked(part: Part, root: Path) -> set[str]:
+    """Return the names of the blocks that the pages have of a part, but those of pictures."""
+    names = {block.name for path in pages(root) for block in blocks(path.read_text())}
+    return {name for name in names if name.startswith(f"{part.name}.")} - {f"{part.name}.picture"}
+
+
 def _contents(part: Part, output: Path, printed: str) -> dict[str, str]:
     """Return what the blocks of a part hold; a picture's block keeps its link."""
     made: dict[str, str] = {}
     if part.page is not None:
         made[f"{part.name}.page"] = (output / part.page).read_text().strip()
-    if part.tables:
-        text = printed if part.source == "stdout" else (output / part.source).read_text()
-        found = read_tables(text, Path(part.source).suffix, part.reader)
-        if len(found) != part.tables:
-            raise PartError(f"made {len(found)} tables; parts.toml says {part.tables}")
-        made |= {f"{part.name}.{index}": table for index, table in enumerate(found, 1)}
+    text = printed if part.source == "stdout" else (output / part.source).read_text()
+    found = read_tables(text, Path(part.source).suffix, part.reader)
+    made |= {f"{part.name}.{index}": table for index, table in enumerate(found, 1)}
     return made
 
 
