@@ -60,9 +60,7 @@ docs: setup      ## the pages of docs/ as a site (site/index.html), without a ne
 	$(BIN)/python -m mkdocs build --strict --quiet
 
 test: setup      ## all tests, a file of them on each core at a time
-	$(BIN)/python -m pytest -n auto --dist loadfile --ignore=tests/viewer
-	# a process for each file with windows: Dear ImGui can crash where one follows those of another
-	ls tests/viewer/test_*.py | xargs -n 1 -P $$(nproc) $(BIN)/python -m pytest -p no:cacheprovider
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-fast: setup ## the tests of less than ten seconds each
 	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'

@@ -12,16 +12,17 @@ import processes
 import pytest
 import sky_files
 import torch
+from places import ROOT, SHARED
 
-from asglight.cli import built_in
-from asglight.cli.live_source import LiveJob, LiveSource
+from asglight.cli.sources import built_in
+from asglight.cli.sources.live_source import LiveJob, LiveSource
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
 from asglight.images import open_sequence
 from asglight.lobes import LobeTracks
 from asglight.shots.events import ignore
 from asglight.shots.frames import fit_frames
 
-DAY = Path(__file__).resolve().parents[3] / "shared" / "sequences" / "day"
+DAY = SHARED / "sequences" / "day"
 
 Start = Callable[[LiveJob], LiveSource]
 
@@ -174,7 +175,7 @@ def test_a_bug_is_a_failure_that_asks_for_a_report(
 
 VIEWER = (
     "import time\nfrom asglight.cli import built_in\n"
-    "from asglight.cli.live_source import LiveJob, LiveSource\n"
+    "from asglight.cli.sources.live_source import LiveJob, LiveSource\n"
     "if __name__ == '__main__':\n"
     "    source = LiveSource(LiveJob(built_in.FRAMES, lobes=3))\n"
     "    print(source.process.pid, flush=True)\n"
@@ -188,7 +189,7 @@ VIEWER = (
 def test_the_fit_ends_with_a_viewer_that_is_killed(tmp_path: Path, how: signal.Signals) -> None:
     script = tmp_path / "viewer.py"
     script.write_text(VIEWER)
-    root = Path(__file__).resolve().parents[2]
+    root = ROOT
     viewer = subprocess.Popen(
         [sys.executable, str(script)],
         stdout=subprocess.PIPE,

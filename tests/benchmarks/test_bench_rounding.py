@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What rounding, the ridge and unneeded parts do: `benchmarks/rounding.py`, ridge.py, lean_path.py.
 
-The bounds of float32 against float64 hold on the built-in environment; docs/results/parts-of-a-fit.md
-has the figures of real maps.
+The bounds of float32 against float64 hold on the built-in environment;
+docs/results/parts-of-a-fit.md has the figures of real maps.
 """
 
 import math
@@ -15,7 +15,7 @@ from bench_scripts import script
 from elsewhere import DEVICE, watched
 from lobe_cases import KNOWN, sky_and_sun
 
-from asglight.cli import built_in
+from asglight.cli.sources import built_in
 from asglight.images import write_exr
 from asglight.lobes import Form, texels
 
