@@ -13,7 +13,7 @@
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 START = re.compile(r"^<!-- made by: (?P<command>.+) \[(?P<name>[\w-]+\.\w+)\] -->$")
@@ -79,11 +79,10 @@ def blocks(page: str) -> list[Block]:
     return [piece for piece in pieces(page) if isinstance(piece, Block)]
 
 
-def with_blocks(page: str, made: dict[str, Block]) -> str:
-    """Return a page with those of its blocks replaced that are in `made`."""
+def with_blocks(page: str, change: Callable[[Block], Block]) -> str:
+    """Return a page with each of its blocks changed, and the text between them as it was."""
     return "\n".join(
-        made.get(piece.name, piece).text() if isinstance(piece, Block) else piece
-        for piece in pieces(page)
+        change(piece).text() if isinstance(piece, Block) else piece for piece in pieces(page)
     )
 
 

@@ -4,7 +4,7 @@
 import datetime
 import shutil
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from asglight.judging.machine import machine
@@ -77,18 +77,13 @@ def complaints(root: Path, parts: dict[str, Part]) -> list[str]:
 
 def renamed(root: Path, parts: dict[str, Part]) -> None:
     """Write the commands of parts.toml into the comments of all blocks; nothing is run."""
+
+    def change(block: Block) -> Block:
+        name = block.name.partition(".")[0]
+        return replace(block, command=parts[name].shown()) if name in parts else block
+
     for path in pages(root):
-        text = path.read_text()
-        path.write_text(
-            with_blocks(
-                text,
-                {
-                    block.name: Block(block.name, parts[name].shown(), block.content)
-                    for block in blocks(text)
-                    if (name := block.name.partition(".")[0]) in parts
-                },
-            )
-        )
+        path.write_text(with_blocks(path.read_text(), change))
 
 
 def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Where) -> None:
@@ -116,18 +111,15 @@ def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Wh
         (root / target).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(drawn[0], root / target)
     note = where.note(part.shown())
+
+    def change(block: Block) -> Block:
+        if block.name.partition(".")[0] != part.name:
+            return block
+        made = content.get(block.name, _without_note(block.content))
+        return Block(block.name, part.shown(), f"{made}\n\n{note}")
+
     for path in pages(root):
-        text = path.read_text()
-        made = {
-            block.name: Block(
-                block.name,
-                part.shown(),
-                f"{content.get(block.name, _without_note(block.content))}\n\n{note}",
-            )
-            for block in blocks(text)
-            if block.name.partition(".")[0] == part.name
-        }
-        path.write_text(with_blocks(text, made))
+        path.write_text(with_blocks(path.read_text(), change))
 
 
 def _asked(part: Part, root: Path) -> set[str]:

@@ -81,8 +81,8 @@ def test_a_block_that_does_not_end_is_refused(page: str, message: str) -> None:
 
 def test_text_beside_blocks_stays_to_the_letter() -> None:
     page = f"a\n\n<!-- made by: x [p.1] -->\n\n{TABLE}\n\n<!-- end -->\n  b\n"
-    assert with_blocks(page, {}) == page
-    other = with_blocks(page, {"p.1": Block("p.1", "y", "new")})
+    assert with_blocks(page, lambda block: block) == page
+    other = with_blocks(page, lambda block: Block(block.name, "y", "new"))
     assert other == "a\n\n<!-- made by: y [p.1] -->\n\nnew\n\n<!-- end -->\n  b\n"
 
 
@@ -121,6 +121,19 @@ def test_pages_and_pictures_are_taken_from_the_output(tmp_path: Path) -> None:
     assert page.content.startswith("made\n\n*Made by")
     assert picture.content.startswith("![A ball](docs/b.png)\n\n*Made by")
     assert (tmp_path / "docs" / "b.png").read_text() == "drawn"
+
+
+def test_pictures_of_one_part_keep_each_its_own_link(tmp_path: Path) -> None:
+    draws = "python -c \"import sys; open(sys.argv[1] + '/a.png', 'w')\" {output}"
+    toml = f"[fake]\ncommands = ['''{draws}''']\npictures = {{'docs/a.png' = 'a.png'}}\n"
+    readme, file = repository(tmp_path, "", toml)
+    start = f"<!-- made by: {read_parts(file)['fake'].shown()} [fake.picture] -->"
+    readme.write_text(f"{start}\n![A](a.png)\n<!-- end -->\n{start}\n![B](b.png)\n<!-- end -->\n")
+    assert run(tmp_path) == 0
+    assert [made.content.split("\n")[0] for made in blocks(readme.read_text())] == [
+        "![A](a.png)",
+        "![B](b.png)",
+    ]
 
 
 def test_what_fails_is_said_and_the_other_parts_go_on(
