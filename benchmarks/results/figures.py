@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bring what `asglight figures` wrote into the docs: small pictures, and captions as one page.
 
-    python -m benchmarks.results.figures figures-output docs
+    python -m benchmarks.results.figures figures-output figures-output/small
 
-The head of docs/results/figures.md, up to the first section, stays as it is; what follows is the
-captions. Pictures get 200 colours with dither, which a reader does not see and which takes half as
-much.
+Pictures get 200 colours with dither, which a reader does not see and which takes half as much.
+`make results PART=figures` brings both into docs/results.
 """
 
 import sys
@@ -21,13 +20,13 @@ COLOURS = 200
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write docs/results/images/figure-*.png and docs/results/figures.md."""
-    source, docs = map(Path, sys.argv[1:] if argv is None else argv)
+    """Write figure-*.png and figures.md into a folder."""
+    source, target = map(Path, sys.argv[1:] if argv is None else argv)
+    target.mkdir(parents=True, exist_ok=True)
     for name in FIGURES:
-        shrink(source / f"figure-{name}.png", docs / "results" / "images" / f"figure-{name}.png")
-    page = docs / "results" / "figures.md"
+        shrink(source / f"figure-{name}.png", target / f"figure-{name}.png")
     captions = [(source / f"figure-{name}.md").read_text() for name in FIGURES]
-    page.write_text(assembled(page.read_text(), captions))
+    (target / "figures.md").write_text(assembled(captions))
     return 0
 
 
@@ -41,11 +40,10 @@ def shrink(source: Path, target: Path) -> None:
     dithered.save(target, optimize=True)
 
 
-def assembled(page: str, captions: Sequence[str]) -> str:
-    """Return a page with its head, and captions whose pictures are in images/."""
-    head = page.partition("\n## ")[0].rstrip()
+def assembled(captions: Sequence[str]) -> str:
+    """Return captions one after the other, with their pictures in images/."""
     sections = [caption.replace("](figure-", "](images/figure-").rstrip() for caption in captions]
-    return "\n\n".join([head, *sections]) + "\n"
+    return "\n\n".join(sections) + "\n"
 
 
 if __name__ == "__main__":

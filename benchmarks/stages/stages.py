@@ -44,11 +44,13 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     arguments = parser.parse_args()
     print(f"{arguments.lobes} lobes, {arguments.frames} frames, usdc")
-    print("tracks   bytes     per lobe and frame  author+save  lint    open     read_usd")
+    print("\n| tracks | bytes | a lobe and frame | author and save | lint | open | `read_usd` |")
+    print("|---|--:|--:|--:|--:|--:|--:|")
     for name, jitter in (("smooth", 0.0), ("noisy", 0.1)):
         tracks = moving(range(1001, 1001 + arguments.frames), arguments.lobes, jitter=jitter)
         with tempfile.TemporaryDirectory() as folder:
-            print(f"{name:<8} {row(tracks, Path(folder) / 'shot.usdc', arguments.repeats)}")
+            print(f"| {name} | {row(tracks, Path(folder) / 'shot.usdc', arguments.repeats)}")
+    print()
     with tempfile.TemporaryDirectory() as folder:
         print(dome_row(tracks, Path(folder) / "shot.usdc"))
 
@@ -69,8 +71,8 @@ def row(tracks: LobeTracks, path: Path, repeats: int) -> str:
     opened = least(lambda: Usd.Stage.Open(str(path)), 3 * repeats)
     read = least(lambda: read_usd(path), repeats)
     return (
-        f"{size:<9} {share:6.1f}              {seconds:6.2f} s     {check:5.2f} s "
-        f"{1000 * opened:6.2f} ms {read:6.2f} s"
+        f"{size:,} | {share:.1f} | {seconds:.2f} s | {check:.2f} s | "
+        f"{1000 * opened:.2f} ms | {read:.2f} s |"
     )
 
 

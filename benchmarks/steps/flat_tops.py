@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flat lobes beside asg lobes of the same eight numbers: the table of docs/method/fitting.md.
+"""Flat lobes beside asg lobes of the same eight numbers: docs/results/parts-of-a-fit.md.
 
     python -m benchmarks.steps.flat_tops ../shared/hdri/*.exr
 

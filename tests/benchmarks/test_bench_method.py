@@ -106,14 +106,10 @@ def test_a_folder_without_maps_is_refused_and_a_folder_for_the_numbers_is_made(
     assert list(json.loads(target.read_text())["forms"]) == ["sky"]
 
 
-def test_page_keeps_its_head_and_takes_the_captions() -> None:
-    page = "# Figures\n\nA head.\n\n## Old\n\nold\n"
+def test_captions_become_a_page_with_its_pictures_beside_it() -> None:
     captions = ["## One\n\n![One](figure-lobes.png)\n\ntext\n", "## Two\n"]
-    found = docs_figures.assembled(page, captions)
-    assert found == (
-        "# Figures\n\nA head.\n\n## One\n\n![One](images/figure-lobes.png)\n\ntext\n\n## Two\n"
-    )
-    assert docs_figures.assembled(found, captions) == found
+    found = docs_figures.assembled(captions)
+    assert found == "## One\n\n![One](images/figure-lobes.png)\n\ntext\n\n## Two\n"
 
 
 def test_pictures_keep_their_looks_in_few_colours(tmp_path: Path) -> None:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What rounding, the ridge and unneeded parts do: `rounding`, `ridge`, `lean_path` of benchmarks/.
 
-The bounds of float32 against float64 hold on the built-in environment; docs/method/fitting.md has
-the figures of real maps.
+The bounds of float32 against float64 hold on the built-in environment;
+docs/results/parts-of-a-fit.md has the figures of real maps.
 """
 
 import math
