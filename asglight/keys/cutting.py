@@ -4,10 +4,13 @@
 Symbols: H, W rows and columns; K lamps; P texels of a list.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import linalg
+from scipy.spatial import cKDTree
 
 from asglight.keys.spots import Array, Grid, Mask, labelled
 
@@ -36,6 +39,40 @@ def matte(mask: Mask, grid: Grid) -> Array:
     beyond = np.clip((distance - whole) / ramp, 0, 1)
     found = np.zeros(mask.shape)
     found.ravel()[place] = 1 - beyond * beyond * (3 - 2 * beyond)
+    return found
+
+
+NEAREST = 1e-6
+"""Chord at which a texel is one of the lamp's own."""
+
+
+def shares(masks: Sequence[Mask], mattes: Sequence[Array], grid: Grid) -> list[Array]:
+    """Divide what several mattes cover among their lamps.
+
+    A lamp has all of its own texels; between lamps, shares go with the inverse square of the
+    distance to each. So no lamp that stays keeps light of one that is cut.
+
+    Args:
+        masks: The lamps, which have no texel in common.  [H, W] each
+        mattes: Of each.  [H, W]
+        grid: Of the map.
+
+    Returns:
+        In [0, 1], with a sum of 1 at most.  [H, W] each
+    """
+    found = [matte.copy() for matte in mattes]
+    several = sum((matte > 0).astype(int) for matte in mattes) > 1
+    if not np.any(several):
+        return found
+    points = grid.directions[several]
+    nearness = np.zeros((len(masks), len(points)))
+    for row, mask, matte in zip(nearness, masks, mattes, strict=True):
+        if matte[several].any():
+            chord, _ = cKDTree(grid.directions[mask]).query(points)
+            row[:] = matte[several] / np.maximum(chord, NEAREST) ** 2
+    whole = np.minimum(sum(matte[several] for matte in mattes), 1)
+    for row, share in zip(nearness / nearness.sum(0), found, strict=True):
+        share[several] = whole * row
     return found
 
 
