@@ -74,8 +74,9 @@ def frame_cut(
     values = radiance.double().numpy()
     grid = Grid.of(*values.shape[:2])
     masks = [*(one.mask for one in wanted), *others]
-    mattes = [cutting.matte(mask, grid) for mask in masks]
-    shares = cutting.shares(masks, mattes, grid)
+    luminance = values.mean(-1)
+    mattes = [cutting.matte(mask, luminance, grid) for mask in masks]
+    shares = cutting.shares(masks, mattes, luminance, grid)
     closed = np.zeros(values.shape[:2], dtype=bool)
     holes = closed.copy()
     for index, matte in enumerate(mattes):

@@ -23,6 +23,10 @@ overhead turns by 4 degrees more in a frame than in the one before."""
 FLUX_WEIGHT = np.radians(3)
 """What a factor of e in flux adds to the angle of a link: of two lamps as near, the alike one."""
 
+ALONE = 1.5 * LINK
+"""Cost of a lamp that is linked to none: two links that together cost more than the better one and
+this are not both made, or a lamp that goes would take over its neighbour's."""
+
 GAP = 8
 """Frames without it after which a lamp is gone: a third of a second."""
 
@@ -149,10 +153,10 @@ def _pairs(
     radius = np.maximum.outer(
         [track.seen[track.last].radius for track in going], [one.radius for one in found]
     )
-    cost = angle + FLUX_WEIGHT * np.abs(np.log(now / flux[:, None]))
-    allowed = angle <= LINK + radius
-    far = 1e3  # more than all links together: as many as possible are made, then the best
-    rows, columns = optimize.linear_sum_assignment(np.where(allowed, cost, far))
+    reach = LINK + radius
+    cost = angle / reach * LINK + FLUX_WEIGHT * np.abs(np.log(now / flux[:, None]))
+    allowed = angle <= reach
+    rows, columns = optimize.linear_sum_assignment(np.where(allowed, cost, ALONE))
     return [
         (going[row], int(column))
         for row, column in zip(rows, columns, strict=True)

@@ -130,6 +130,8 @@ def _gradient(values: Array, grid: Grid) -> Array:
 
 
 def _mean(values: Array, mask: Mask, grid: Grid) -> float:
+    if not mask.any():
+        return 0.0
     weight = grid.solid_angle[mask]
     return float((values[mask] * weight).sum() / weight.sum())
 

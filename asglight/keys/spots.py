@@ -96,9 +96,8 @@ def labelled(marks: Mask, *, corners: bool = True) -> tuple[NDArray[np.int_], in
     ndimage.label(marks, ndimage.generate_binary_structure(2, 1 + corners), output=labels)
     count = int(labels.max(initial=0))
     rows = np.arange(len(labels))
-    links = [
-        (labels[rows, 0], labels[np.clip(rows + step, 0, rows[-1]), -1]) for step in ((-1, 0, 1) if corners else (0,))
-    ]
+    across = (-1, 0, 1) if corners else (0,)
+    links = [(labels[rows, 0], labels[np.clip(rows + step, 0, rows[-1]), -1]) for step in across]
     links += [(np.full_like(end, end.max()), end) for end in (labels[0], labels[-1])]
     first, second = (np.concatenate(side) for side in zip(*links, strict=True))
     both = (first > 0) & (second > 0)
