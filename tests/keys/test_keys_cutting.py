@@ -76,8 +76,8 @@ def test_lamps_have_their_own_texels_and_what_lies_between_by_their_light() -> N
     luminance = np.where(near, 100.0, np.where(far, 50.0, 1.0))
     mattes = [cutting.matte(mask, luminance, grid) for mask in (near, far)]
     first, second = cutting.shares([near, far], mattes, luminance, grid)
-    assert (first[near] == 1).all()
-    assert (second[far] == 1).all()
+    assert first[near].min() > 1 - 1e-6
+    assert second[far].min() > 1 - 1e-6
     assert first[far].max() < 1e-6
     assert second[near].max() < 1e-6
     # 1 and 2 texels away, then 2 and 1, and twice as bright
