@@ -86,6 +86,10 @@ def frame_cut(
     background = cutting.filled(values, closed, grid)
     background = np.where(holes[..., None], background, values)
     above = np.maximum((values - background).mean(-1), 0)
+    shares = [
+        np.where(cutting.lights_beside(mask, matte, above, background.mean(-1)), 0, share)
+        for mask, matte, share in zip(masks, mattes, shares, strict=True)
+    ]
     below = np.maximum(background - values, 0).mean(-1)
     total = float((values.mean(-1) * grid.solid_angle).sum())
     seen: list[Seen | None] = []

@@ -91,6 +91,28 @@ def shares(
     return found
 
 
+def lights_beside(mask: Mask, matte: Array, above: Array, background: Array) -> Mask:
+    """Mark small lights on the rim of a matte that are not the lamp's: they stay whole.
+
+    Args:
+        mask: The lamp.  [H, W]
+        matte: Its matte.  [H, W]
+        above: Luminance above the background.  [H, W]
+        background: Luminance of it.  [H, W]
+
+    Returns:
+        Of spots as bright as twice the background, those that the matte does not hold whole and
+        that do not touch the lamp.  [H, W]
+    """
+    labels, count = labelled((matte > 0) & ((above > background) | mask))
+    is_light = np.ones(count + 1, dtype=bool)
+    is_light[labels[mask]] = False
+    on_rim = np.zeros(count + 1, dtype=bool)
+    on_rim[labels[matte < 1]] = True
+    is_light[0] = False
+    return (is_light & on_rim)[labels]
+
+
 RIM_MOST = 4.0
 """Of the median of a hole's rim: a lamp beside the hole, which nobody cuts, does not light it."""
 

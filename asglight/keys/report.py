@@ -24,6 +24,12 @@ RIM_DARK = 0.05
 """Of the median around a matte, that is added to radiance before its logarithm: an eye that is used
 to the surroundings tells nothing in what is far darker."""
 
+RIM_STAYS = 0.1
+"""Logarithm of the rest over the map without all of the lamps' light, above which it is lamp."""
+
+RIM_BESIDE = 1.5
+"""Texels: those that touch one, also by a corner."""
+
 RIM_UNSEEN = 0.01
 """Logarithm of radiance from texel to texel that no eye sees, Weber's fraction: no gradient around
 a matte counts as less."""
@@ -90,7 +96,8 @@ def of_frame(
 def rim_gradients(radiance: Tensor, rest: Tensor, cut: FrameCut) -> list[float]:
     """Compare the rest within the rim of each matte with the map just outside of it.
 
-    Gradients are those of the logarithm of radiance: an eye sees ratios.
+    Gradients are those of the logarithm of radiance: an eye sees ratios. What a key leaves of its
+    lamp, because its card cannot show it, is no seam and does not count; nor do lights beside it.
 
     Args:
         radiance: The map.  [h, w, 3]
@@ -102,6 +109,7 @@ def rim_gradients(radiance: Tensor, rest: Tensor, cut: FrameCut) -> list[float]:
     """
     grid = Grid.of(*cut.holes.shape)
     before, after = (image.double().mean(-1).numpy() for image in (radiance, rest))
+    plate = _plate(before, cut)
     found = []
     for key in cut.keys:
         if key is None:
@@ -115,10 +123,24 @@ def rim_gradients(radiance: Tensor, rest: Tensor, cut: FrameCut) -> list[float]:
             continue
         rim = own & grid.near(around, RIM_TEXELS * grid.texel)
         dark = max(RIM_DARK * float(np.median(before[around])), float(np.finfo(np.float32).tiny))
+        stays = np.log((after + dark) / (plate + dark)) > RIM_STAYS
+        other = stays | (cut.holes & ~own)
+        if other.any():
+            rim &= ~grid.near(other, RIM_BESIDE * grid.texel)
         within, outside = (_gradient(np.log(one + dark), grid) for one in (after, before))
         least = RIM_UNSEEN / grid.texel
         found.append(_mean(within, rim, grid) / max(_mean(outside, around, grid), least))
     return found
+
+
+def _plate(luminance: Array, cut: FrameCut) -> Array:
+    """Return the map with all light of the keys' lamps taken.  [h, w]."""
+    share = np.zeros(luminance.size)
+    for key in cut.keys:
+        if key is not None:
+            share[key.place] += key.share
+    background = cut.background.double().mean(-1).numpy()
+    return luminance + share.reshape(luminance.shape) * (background - luminance)
 
 
 def _gradient(values: Array, grid: Grid) -> Array:

@@ -7,7 +7,7 @@ import torch
 from key_cases import Rectangle, sky, with_lamps
 
 from asglight.keys import cutting
-from asglight.keys.cut import Wanted, enlarged, frame_cut, light_of, parts
+from asglight.keys.cut import FrameCut, Wanted, enlarged, frame_cut, light_of, parts
 from asglight.keys.report import rim_gradients
 from asglight.keys.sighting import sightings
 from asglight.keys.spots import Grid
@@ -205,3 +205,28 @@ def test_a_lamp_beside_a_hole_does_not_light_it() -> None:
     assert filled[holes].max() <= cutting.RIM_MOST
     np.testing.assert_allclose(filled[30:34, 60], 1, rtol=0.2)
     np.testing.assert_array_equal(filled[~holes], radiance[~holes])
+
+
+def test_a_small_light_on_the_rim_of_a_matte_stays_whole() -> None:
+    radiance = with_lamps(ROWS, LAMPS[0])
+    [mask] = masks(radiance)
+    matte = cutting.matte(mask, radiance.double().mean(-1).numpy(), Grid.of(ROWS, 2 * ROWS))
+    rim = np.argwhere((matte > 0.3) & (matte < 0.7))
+    inner = np.argwhere((matte == 1) & ~Grid.of(ROWS, 2 * ROWS).near(mask, 0.04))
+    spots = [tuple(rim[0]), tuple(inner[-1])]
+    for spot in spots:
+        radiance[spot] = 5.0
+    found = parts(frame_cut(radiance, [Wanted(mask, 1.0)], []), radiance)
+    assert torch.equal(found.rest[spots[0]], radiance[spots[0]])
+    assert float(found.rest[spots[1]].max()) < 1
+
+
+def test_a_rim_without_a_seam_is_told_from_one_with_a_seam() -> None:
+    radiance = with_lamps(ROWS, LAMPS[0])
+    cut = frame_cut(radiance, [Wanted(mask, 1.0) for mask in masks(radiance)], [])
+    [key] = cut.keys
+    assert key is not None
+    assert rim_gradients(radiance, parts(cut, radiance).rest, cut)[0] < 1.2
+    bad = torch.where(torch.from_numpy(cut.holes)[..., None], 1.3 * cut.background, radiance)
+    seam = FrameCut(bad, cut.keys, cut.holes)
+    assert rim_gradients(radiance, parts(seam, radiance).rest, seam)[0] > 3
