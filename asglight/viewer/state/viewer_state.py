@@ -137,7 +137,7 @@ class Probe:
     Attributes:
         place: The map, or the balls.
         x: Share of the picture's columns from the left.
-        y: Share of its rows from the top; of one row of balls.
+        y: Share of its rows from the top; of the strip of balls (gl/arrangement.py).
     """
 
     place: Literal["map", "balls"]
@@ -353,6 +353,11 @@ class ViewerState:
     def is_moving(self) -> bool:
         """Whether the picture changes on its own or under the mouse: then it has to be quick."""
         return self.is_dragging or self.playback.is_playing
+
+    @property
+    def is_paired(self) -> bool:
+        """Whether there is a reference to compare with."""
+        return self.references is not None
 
     @property
     def shown(self) -> Comparison:
