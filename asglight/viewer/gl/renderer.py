@@ -58,6 +58,7 @@ class Renderer:
         self._closed_form = ClosedForm(context, self._albedo_table)
         self._lobes_map = LobesMap(context)
         self._reference_map = ReferenceMap(context)
+        self._lit_map = ReferenceMap(context)
         self._display = DisplayPass(context)
         self._blank = context.texture((1, 1), 4, bytes(16), dtype="f4")
         background_pass = BackgroundPass(context)
@@ -253,7 +254,8 @@ class Renderer:
             image = self._lobes_image[1]
             name = "lobes", key
         layer = self._integrals[of_lobes]
-        layer.draw(state, image, name, size)
+        latlong = self._lit_map if of_lobes else self._reference_map
+        layer.draw(state, image, latlong, name, size)
         self.reference_progress = min(self.reference_progress, layer.progress)
         return layer.texture
 
