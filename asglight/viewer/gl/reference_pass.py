@@ -2,7 +2,7 @@
 """Balls lit by a latlong map, by the whole integral over the lights: the truth of the viewer.
 
 Rough balls are there at once, from tables (smooth_balls.py). Of the others a few samples a GUI frame
-go into a running mean (shaders/reference.frag); docs/reference.md has the methods and their errors.
+go into a running mean (shaders/reference.frag); docs/method/reference-balls.md has the methods and their errors.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,8 @@ from asglight.viewer.reference.reference_map import prepared
 from asglight.viewer.state.balls import Ball
 
 TARGET_SAMPLES = 1024
-"""Samples of a pixel at which a picture is finished: errors are about 1 %, docs/reference.md."""
+"""Samples of a pixel at which a picture is finished: errors are about 1 %,
+docs/method/reference-balls.md."""
 
 Cell = tuple[int, int, int]
 """A ball's square: left column, top row, size in pixels."""
