@@ -100,7 +100,10 @@ class Window:
         imgui.get_io().config_error_recovery_enable_assert = False
         self.renderer = Renderer(self.context)
         if _remembers():
+            chosen = self.state.display.transform, self.state.display.colour_view
             settings.restore(self.state, hello_imgui.load_user_pref(_SETTINGS))
+            if self.session.has_view:
+                self.state.display.transform, self.state.display.colour_view = chosen
             with suppress(ValueError, TypeError):
                 recent = json.loads(hello_imgui.load_user_pref(_RECENT))
                 self.documents.recent = [str(path) for path in recent][:RECENT_MAX]

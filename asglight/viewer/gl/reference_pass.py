@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Balls lit by a latlong map, by the whole integral over the lights: the truth of the viewer.
 
-Rough balls are there at once, from tables (smooth_balls.py). Of the others a few samples a GUI frame
-go into a running mean (shaders/reference.frag); docs/method/reference-balls.md has the methods and their errors.
+Rough balls are there at once, from tables (smooth_balls.py). Of the others a few samples a GUI
+frame go into a running mean (shaders/reference.frag). docs/method/reference-balls.md has the
+methods and their errors.
 """
 
 from collections.abc import Sequence

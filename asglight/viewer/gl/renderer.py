@@ -7,9 +7,12 @@ from typing import Any
 import moderngl
 import numpy as np
 
+from asglight.errors import InputError
+from asglight.viewer.colour import opencolorio
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.arrangement import cells, drawn_areas, strip
 from asglight.viewer.gl.compare import ball_errors
+from asglight.viewer.gl.display_pass import DisplayPass
 from asglight.viewer.gl.draft import Draft, Stopwatch
 from asglight.viewer.gl.layers import (
     Background,
@@ -24,12 +27,11 @@ from asglight.viewer.gl.layers import (
 from asglight.viewer.gl.passes import (
     Area,
     BackgroundPass,
-    DisplayPass,
     Picture,
     display_target,
     release_target,
 )
-from asglight.viewer.state.display import Comparison, Subject
+from asglight.viewer.state.display import Comparison, Subject, ViewTransform
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.uniforms.shader_defines import SURROUND
@@ -296,6 +298,7 @@ class Renderer:
         size: tuple[int, int],
     ) -> moderngl.Framebuffer:
         """Draw pictures in the screen's colours, if they or what is wanted of them changed."""
+        _leave_unusable_view(state)
         fit, reference = pair
         comparison = Comparison.FIT if reference is None else wanted
         wipe = state.compared.wipe if name == "balls" else state.map_view.wipe
@@ -354,9 +357,22 @@ class _Shown:
         return changed
 
 
+def _leave_unusable_view(state: ViewerState) -> None:
+    """Go back to sRGB, and say why, where a view of OpenColorIO cannot be had (any more)."""
+    display = state.display
+    if display.transform is not ViewTransform.OPENCOLORIO:
+        return
+    try:
+        opencolorio.view_shader(display.colour_view)
+    except InputError as error:
+        state.message = str(error)
+        display.transform = ViewTransform.SRGB
+
+
 def _display_key(state: ViewerState) -> tuple[Any, ...]:
     display = state.display
     values = (display.exposure_ev, display.transform, display.channel, display.zebra)
+    values = (*values, display.colour_view)
     return (*values, state.environment.intensity_ev)
 
 

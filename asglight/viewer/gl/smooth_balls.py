@@ -38,9 +38,7 @@ class SmoothBalls:
         texture.repeat_x = texture.repeat_y = False
         return texture
 
-    def draw_table(
-        self, table: moderngl.Texture, cell: Cell, target: moderngl.Framebuffer
-    ) -> None:
+    def draw_table(self, table: moderngl.Texture, cell: Cell, target: moderngl.Framebuffer) -> None:
         """Draw a ball from its table."""
         triangle = self._triangle(is_table=True)
         table.use(location=0)

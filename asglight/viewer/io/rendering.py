@@ -150,7 +150,7 @@ def labelled(pixels: np.ndarray, session: Session) -> np.ndarray:
     title = names.get(state.shown, "Fit" if is_rows else str(state.shown))
     write((8, 6), f"{session.title}   {title}", "la")
     exposure = state.display.exposure_ev + state.environment.intensity_ev
-    text = f"{state.playback.time:g}   {state.display.transform} {exposure:+.1f} EV"
+    text = f"{state.playback.time:g}   {state.display.name} {exposure:+.1f} EV"
     write((width - 8, 6), text, "ra")
     return np.asarray(image)
 

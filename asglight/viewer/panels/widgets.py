@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What panels share: keys, tooltips, choices, labels over pictures."""
 
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import TypeVar
 
@@ -111,6 +112,13 @@ def choice(label: str, value: E, explanation: str, keys: str = "") -> E:
     members: list[E] = list(type(value))
     _, place = imgui.combo(label, members.index(value), [str(member) for member in members])
     tooltip(explanation, keys)
+    return members[place]
+
+
+def one_of(label: str, value: str, members: Sequence[str], explanation: str) -> str:
+    """Show a drop-down list of names."""
+    _, place = imgui.combo(label, members.index(value), list(members))
+    tooltip(explanation)
     return members[place]
 
 
