@@ -37,20 +37,18 @@ vec3 origin() {
 
 #ifdef POST
 
-// Return what the post shows at a point with a normal; its light is irradiance of that normal, so
-// that means and variances of cosines are computed here.
+// Return what the post shows at a point with a normal. Its normal changes, so the sheets hold the mean
+// of z, its variance, and those of x and y, in place of what they hold for the ground.
 vec3 shaded(vec3 point, vec3 normal) {
     vec3 sum = vec3(0.0);
     OcclusionPatch ball = occlusion_ball_patch(point, u_ball, 1.0);
     for (int i = 0; i < u_count; ++i) {
         OcclusionSheet sheet = u_sheets[i];
         vec3 axis_z = cross(sheet.axis_x.xyz, sheet.axis_y.xyz);
-        // about the axis the light is as wide as its disc; broad lights are narrower than that
-        float x = dot(normal, sheet.axis_x.xyz);
-        float y = dot(normal, sheet.axis_y.xyz);
-        float variance = x * x * sheet.axis_x.w / (1.0 + 3.0 * sheet.axis_x.w)
-            + y * y * sheet.axis_y.w / (1.0 + 3.0 * sheet.axis_y.w);
-        float mean = dot(normal, axis_z);
+        vec3 along = vec3(dot(normal, sheet.axis_x.xyz), dot(normal, sheet.axis_y.xyz),
+                          dot(normal, axis_z));
+        float variance = dot(along * along, vec3(sheet.more.zw, sheet.more.x));
+        float mean = along.z * sheet.light.w;
         float lit = rectified_irradiance_over_pi(mean, sqrt(variance));
         sheet.light.w = mean;
         sheet.more.x = variance;

@@ -13,10 +13,12 @@ Definite Quadratic Form"]: with mean mu and covariance S
     theta_3 = tr S^3 + 3 mu.S^2 mu,         h = 1 - 2 theta_1 theta_3 / (3 theta_2^2)
     P = Phi( ((theta_1^-h - 1) / h - theta_2 (h - 1) / theta_1^2) theta_1 / sqrt(2 theta_2) ).
 
-For S = 0 it is the step of a hard shadow, for a round light as wide as the sky the patch's share. A
-long light, whose deviations are s_1 > s_2 along its axes, is summed over three places y across it
+For S = 0 it is the step of a hard shadow, for a round light as wide as the sky the patch's share.
+A long light, whose deviations are s_1 > s_2 along its axes, is summed over three places across it
 instead, of what is between the ends of the circle's chord there (Gauss and Hermite; the places lie
-where light and circle both are). Between deviations of ratio RATIO_LOW and RATIO_HIGH is a mix. docs/method/shading.md has the errors. The twin is shaders/lib/occlusion.glsl.
+where light and circle both are). Between the ratios RATIO_LOW and RATIO_HIGH it is a mix.
+
+docs/method/shading.md has the errors. The twin is shaders/lib/occlusion.glsl.
 
 Symbols: M sheets, P points.
 """
@@ -31,8 +33,8 @@ from asglight.shading import rectified
 from asglight.shading.sheets import Sheets, Window
 
 RATIO_LOW, RATIO_HIGH = 1.5, 2.5
-"""Of deviations: at the low one the nearly normal power is within 0.02 of the share and three places
-within 0.2, at the high one within 0.05 and 0.1, beyond within 0.17 and 0.05."""
+"""Of deviations: at the low one the nearly normal power is within 0.02 of the share and three
+places within 0.2, at the high one within 0.05 and 0.1, beyond within 0.17 and 0.05."""
 
 CIRCLE_VARIANCE = 0.15
 """Of the bell that stands for the circle when places are chosen; 0.1 to 0.5 differ little."""
@@ -40,12 +42,15 @@ CIRCLE_VARIANCE = 0.15
 POWER_MIN = 1e-3
 """Below it (theta^-h - 1) / h is -log theta to a float's digits."""
 
-AREA_MIN = 1e-9
+DISC_VARIANCE_MAX = 16.0
+"""Of a sheet: a broader one is as even over its disc, whose radius is 1 or 2, to 3 % at its rim."""
+
+AREA_MIN = 1e-5
 """Of an ellipse on a disc, in products of half axes: a patch seen from its edge blocks nothing."""
 
 BROAD_VARIANCE = 0.1
-"""Of a sheet of the sg form, above which its own disc is taken. Below, its light is as Gaussian on the
-disc of the asg form, where a circle of directions is an ellipse however large it is."""
+"""Of a sheet of the sg form, above which its own disc is taken. Below, its light is as Gaussian on
+the disc of the asg form, where a circle of directions is an ellipse however large it is."""
 
 EDGE_Z_MIN = 0.2
 """Of a patch on the edge of a sheet of the bingham form, within which z, and 1 / z, change."""
@@ -126,7 +131,7 @@ def blocked(sheets: Sheets, patch: Patch) -> Tensor:
     centre, half_x, half_y = (part @ sheets.axes.mT for part in patch)  # [M, P, 3]
     reach = (half_x[..., 2].square() + half_y[..., 2].square()).sqrt().clamp(min=1e-9)
     front = (1 + centre[..., 2] / reach).clamp(0, 1)  # of a patch behind the disc
-    vx, vy = (v[:, None] for v in sheets.disc_variance.unbind(-1))
+    vx, vy = (v[:, None] for v in disc_variance(sheets).unbind(-1))
     if sheets.window is Window.NONE:
         is_broad = vx > BROAD_VARIANCE
         moved = _on_disc_of_areas(centre, half_x, half_y)
@@ -141,6 +146,11 @@ def blocked(sheets: Sheets, patch: Patch) -> Tensor:
     if sheets.window is Window.STEP:  # dw = dx dy / z
         gaussian = gaussian / centre[..., 2].abs().clamp(min=EDGE_Z_MIN)
     return (inside * gaussian / sheets.integral[:, None]).clamp(0, 1)
+
+
+def disc_variance(sheets: Sheets) -> Tensor:
+    """Return the variances on the disc, within what a float can tell apart.  [M, 2]."""
+    return sheets.disc_variance.clamp(max=DISC_VARIANCE_MAX)
 
 
 def visible(sheets: Sheets, normal: Tensor, patches: list[Patch]) -> Tensor:
@@ -190,14 +200,16 @@ def _probability(centre: Tensor, half_x: Tensor, half_y: Tensor, vx: Tensor, vy:
     apart = (0.25 * (s_xx - s_yy).square() + s_xy.square()).sqrt()
     longer = 0.5 * trace + apart
     shorter = determinant / longer
-    x = torch.where(s_xx > s_yy, longer - s_yy, s_xy)
-    y = torch.where(s_xx > s_yy, s_xy, longer - s_xx)
+    half = 0.5 * (s_xx - s_yy)
+    x = torch.where(half > 0, half + apart, s_xy)
+    y = torch.where(half > 0, s_xy, apart - half)
     size = torch.hypot(x, y).clamp(min=1e-30)  # 1e-30: a round light, whose axes are any
     along, across = (x * mu_x + y * mu_y) / size, (x * mu_y - y * mu_x) / size
     long = _by_places(along, across, longer, shorter)
     ratio = (longer / shorter).sqrt()
     part = ((ratio - RATIO_LOW) / (RATIO_HIGH - RATIO_LOW)).clamp(0, 1)
-    share = torch.lerp(round_, long, part)
+    # a sum of products: the power of a very long light is no number
+    share = torch.where(part < 1, torch.lerp(round_, long, part), long)
     return torch.where(area.abs() < AREA_MIN, torch.zeros_like(share), share)
 
 

@@ -14,6 +14,7 @@ from asglight.errors import InputError
 from asglight.shader_files import ShaderError
 from asglight.viewer.colour import opencolorio
 from asglight.viewer.state.session import Session
+from asglight.viewer.state.viewer_state import Scene
 
 if TYPE_CHECKING:
     from asglight.viewer.io.wanted import Wanted
@@ -49,6 +50,11 @@ def set_up(
         if frame not in frames and not is_between:
             raise InputError(_missing_frame(frame, session.title, frames))
         state.playback.go_to_time(frame)
+
+
+def show_ground(session: Session) -> None:
+    """Begin with the ball on the ground."""
+    session.state.scene = Scene.GROUND
 
 
 def show(

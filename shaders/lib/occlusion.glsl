@@ -11,7 +11,7 @@ struct OcclusionSheet {
     vec4 axis_y;  // xyz unit axis, w disc variance along it
     vec4 light;   // rgb irradiance over pi of the surface, w mean of the cosine to its normal
     vec4 more;    // x variance of the cosine, y the Gaussian's integral over the sheet's, z 1 over the
-                  // mean of the positive cosine, w unused
+                  // mean of the positive cosine, w free
 };
 
 // An ellipse of directions.
@@ -101,11 +101,12 @@ float occlusion_probability(vec2 centre, vec2 half_x, vec2 half_y, vec2 variance
     float s_yy = half_x.y * half_x.y * v.x + half_x.x * half_x.x * v.y;
     float s_xy = -(half_y.y * half_x.y * v.x + half_y.x * half_x.x * v.y);
     float trace = s_xx + s_yy;
-    float determinant = v.x * variance.y * (inverse * inverse);
+    float determinant = v.x * variance.y;
     float apart = sqrt(0.25 * (s_xx - s_yy) * (s_xx - s_yy) + s_xy * s_xy);
     float longer = 0.5 * trace + apart;
     float shorter = determinant / longer;
-    vec2 axis = s_xx > s_yy ? vec2(longer - s_yy, s_xy) : vec2(s_xy, longer - s_xx);
+    float half_ = 0.5 * (s_xx - s_yy);
+    vec2 axis = half_ > 0.0 ? vec2(half_ + apart, s_xy) : vec2(s_xy, apart - half_);
     axis /= max(length(axis), 1e-30);  // a round light, whose axes are any
     float along = dot(axis, mu);
     float across = axis.x * mu.y - axis.y * mu.x;

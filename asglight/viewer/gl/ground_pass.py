@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pass that draws a ball and a post on the ground: shaders/ground.frag, and balls.frag between."""
+"""A ball and a post on the ground: shaders/ground.frag, with balls.frag in between."""
 
 from typing import Any
 
@@ -31,9 +31,7 @@ class GroundPass:
         self._triangles: dict[tuple[tuple[str, int], ...], moderngl.VertexArray] = {}
         self._block = context.buffer(reserve=int(DEFINES["MAX_SHEETS"]) * SHEET.itemsize)
 
-    def draw(
-        self, lobes: Lobes, ball: Ball, camera: Camera, target: moderngl.Framebuffer
-    ) -> None:
+    def draw(self, lobes: Lobes, ball: Ball, camera: Camera, target: moderngl.Framebuffer) -> None:
         """Draw the scene over all of a radiance target.
 
         Args:

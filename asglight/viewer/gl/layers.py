@@ -16,6 +16,7 @@ from asglight.shading import ball_tables
 from asglight.shading.ball_tables import CameraMap
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.gl.ground_pass import GroundPass
 from asglight.viewer.gl.passes import (
     BackgroundPass,
     LobesPass,
@@ -115,6 +116,21 @@ class ClosedForm(Layer):
             arrangement = cells(size, len(balls))
             rotation = state.camera.from_environment()
             self._pass.draw(state.lit_lobes, balls, rotation, arrangement, self._target)
+
+
+class Ground(Layer):
+    """A ball and a post on the ground, lit by the lobes."""
+
+    def __init__(self, context: moderngl.Context, albedo_table: moderngl.Texture) -> None:
+        """Compile the passes."""
+        super().__init__(context)
+        self._pass = GroundPass(context, BallsPass(context, albedo_table))
+
+    def draw(self, state: ViewerState, size: tuple[int, int]) -> None:
+        """Bring the layer up to date."""
+        ball = state.balls[state.ground_ball]
+        if self.needs((lobes_key(state), camera_key(state), ball), size):
+            self._pass.draw(state.lit_lobes, ball, state.camera, self._target)
 
 
 class LobesMap(Layer):

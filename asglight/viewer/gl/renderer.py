@@ -17,6 +17,7 @@ from asglight.viewer.gl.draft import Draft, Stopwatch
 from asglight.viewer.gl.layers import (
     Background,
     ClosedForm,
+    Ground,
     Integral,
     LobesMap,
     ReferenceMap,
@@ -33,7 +34,7 @@ from asglight.viewer.gl.passes import (
 )
 from asglight.viewer.state.display import Comparison, Subject, ViewTransform
 from asglight.viewer.state.held import Held
-from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.viewer_state import Scene, ViewerState
 from asglight.viewer.uniforms.shader_defines import SURROUND
 
 
@@ -58,6 +59,7 @@ class Renderer:
         self._context = context
         self._albedo_table = albedo_table(context)
         self._closed_form = ClosedForm(context, self._albedo_table)
+        self._ground = Ground(context, self._albedo_table)
         self._lobes_map = LobesMap(context)
         self._reference_map = ReferenceMap(context)
         self._lit_map = ReferenceMap(context)
@@ -107,7 +109,7 @@ class Renderer:
 
     def _wants_draft(self, state: ViewerState) -> bool:
         """Tell whether the light moves: an exposure that is dragged shades nothing anew."""
-        light = lobes_key(state), camera_key(state), state.balls
+        light = lobes_key(state), camera_key(state), state.balls, state.scene, state.ground_ball
         moves = state.is_moving and (light != self._light or self._is_draft)
         self._light, self._is_draft = light, moves
         return moves
@@ -222,6 +224,10 @@ class Renderer:
 
     def _pair(self, state: ViewerState, size: tuple[int, int]) -> tuple[Picture, Picture | None]:
         """Bring both layers up to date and return them."""
+        if state.scene is Scene.GROUND:
+            self._ground.draw(state, size)
+            self.reference_progress = 1.0
+            return Picture(self._ground.texture), None
         subject = state.compared.subject
         image = state.reference_image
         of_fit, of_reference = self._background_textures(state, size, image)
@@ -285,7 +291,7 @@ class Renderer:
         return texel[:3] / texel[3] if texel[3] > 0 else None
 
     def _versions(self) -> tuple[int, ...]:
-        layers = (self._closed_form, *self._backgrounds, *self._integrals.values())
+        layers = (self._closed_form, self._ground, *self._backgrounds, *self._integrals.values())
         return tuple(layer.version for layer in layers)
 
     def _bring(
@@ -318,7 +324,8 @@ class Renderer:
         elif name == "balls":
             top, height = strip(rows, is_paired=state.is_paired)
             parts = [(comparison, (0, top, columns, height))]
-        is_sparse = name == "balls" and fit.background is None
+        is_row = name == "balls" and state.scene is Scene.BALLS
+        is_sparse = is_row and fit.background is None
         shown.target.clear(*SURROUND)
         for part, area in parts:
             within = drawn_areas(fit.front.size, len(state.balls), area) if is_sparse else None

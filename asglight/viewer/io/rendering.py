@@ -23,6 +23,7 @@ from asglight.viewer.io.saving import display_pixels, write_png
 from asglight.viewer.io.wanted import Wanted
 from asglight.viewer.state.display import Comparison
 from asglight.viewer.state.session import Session
+from asglight.viewer.state.viewer_state import Scene
 
 SAMPLED = 0.25
 """Share of a finished reference that a picture waits for: half of its noise is below a step of 8
@@ -139,7 +140,8 @@ def labelled(pixels: np.ndarray, session: Session) -> np.ndarray:
     def write(place: tuple[float, float], text: str, anchor: str) -> None:
         draw.text(place, text, "white", font, anchor, stroke_width=1, stroke_fill="black")
 
-    for top in (0, rows) if is_rows else (first,):
+    rows_of_balls = (0, rows) if is_rows else (first,)
+    for top in rows_of_balls if state.scene is Scene.BALLS else ():
         for cell, ball in zip(arrangement, state.balls, strict=True):
             below = min(top + cell.y + cell.size + 2, top + rows - font.size - 4)
             write((cell.x + cell.size / 2, below), ball.name, "ma")

@@ -8,7 +8,7 @@ from asglight.viewer.gl.inspecting import inspect
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.panels import legend, widgets
 from asglight.viewer.state.display import Comparison, Subject
-from asglight.viewer.state.viewer_state import Probe, ViewerState
+from asglight.viewer.state.viewer_state import Probe, Scene, ViewerState
 
 _NAMES = {
     Subject.TOTAL: ("Fit", "Reference (HDRI)"),
@@ -70,6 +70,8 @@ def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
 
 def _probe(state: ViewerState, points: tuple[int, int], pointer: tuple[float, float]) -> None:
     """Read the ball under the pointer from now on; beside the balls the last one stays."""
+    if state.scene is Scene.GROUND:
+        return
     x, y = pointer
     columns, rows = points
     top, strip_rows = strip(rows, is_paired=state.is_paired)
@@ -88,6 +90,10 @@ def _labels(
     if state.reference_label:
         reference += f": {state.reference_label}"
     pad = widgets.em(0.4)
+    if state.scene is Scene.GROUND:
+        title = f"{fit}, {state.balls[state.ground_ball].name}"
+        widgets.label_over(origin.x + pad, origin.y + pad, title)
+        return
     shown = state.shown
     left, top = origin.x + pad, origin.y + pad
     right = origin.x + points[0] - pad

@@ -8,7 +8,7 @@ from asglight.viewer.colour import opencolorio
 from asglight.viewer.panels import widgets
 from asglight.viewer.state.commands import ENVIRONMENT_STEP_DEG, FLIP_KEY, command
 from asglight.viewer.state.display import EXPOSURE_EV_MAX, ColourView, ViewTransform
-from asglight.viewer.state.viewer_state import INTENSITY_EV_MAX, ViewerState
+from asglight.viewer.state.viewer_state import INTENSITY_EV_MAX, Scene, ViewerState
 
 _CONFIG_TIP = "ACES as OpenColorIO has it, or the studio's config, where OCIO names one."
 
@@ -126,6 +126,18 @@ def _environment(state: ViewerState) -> None:
 
 def _balls(state: ViewerState) -> None:
     imgui.separator_text("Balls")
+    state.scene = widgets.choice(
+        "scene",
+        state.scene,
+        "row of balls: all roughnesses beside each other.\n"
+        "ball on the ground: one of them and a post, with a shadow for each lobe.\n"
+        "Solo (S) shows which shadow is whose.",
+        command("Row of balls, or a ball on the ground").keys,
+    )
+    if state.scene is Scene.GROUND:
+        names = [ball.name for ball in state.balls]
+        name = widgets.one_of("ball", names[state.ground_ball], names, "What stands on the ground.")
+        state.ground_ball = names.index(name)
     state.material = widgets.choice(
         "material",
         state.material,

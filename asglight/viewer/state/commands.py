@@ -102,6 +102,10 @@ def _next_material(state: ViewerState) -> None:
     state.material = _following(state.material)
 
 
+def _next_scene(state: ViewerState) -> None:
+    state.scene = _following(state.scene)
+
+
 def _toggle_background(state: ViewerState) -> None:
     state.environment.is_shown = not state.environment.is_shown
 
@@ -176,6 +180,7 @@ COMMANDS = (
     Command("Look", "Z", "Zebra where the screen clips", _toggle_zebra),
     Command("Look", "M", "Metal or dielectric", _next_material),
     Command("Look", "B", "Environment behind the balls", _toggle_background),
+    Command("Look", "G", "Row of balls, or a ball on the ground", _next_scene),
     Command(
         "Look",
         "]",

@@ -59,6 +59,9 @@ class Request(Enum):
     QUIT = auto()
 
 
+GROUND_BALL = 3
+"""The ball of roughness 0.5 shows both highlights and shade."""
+
 RENDERS = (Request.RENDER, Request.RENDER_LABELLED, Request.RENDER_TURNTABLE)
 
 
@@ -67,6 +70,14 @@ class Theme(StrEnum):
 
     DARK = "dark"
     LIGHT = "light"
+
+
+class Scene(StrEnum):
+    """What the lights shine on."""
+
+    BALLS = "row of balls"
+    GROUND = "ball on the ground"
+    """One ball and a post, with a shadow for each lobe."""
 
 
 class Outlines(StrEnum):
@@ -202,6 +213,8 @@ class ViewerState:
         compared: What the balls show of fit and reference.
         map_view: What the map shows of them.
         selection: Which lobes are looked at and which light.
+        scene: What the lights shine on.
+        ground_ball: Index in the row of the ball that stands on the ground.
         material: What the balls are made of.
         base_colour: Their colour, linear RGB.
         is_dragging: Whether the mouse changes something at this moment.
@@ -241,6 +254,8 @@ class ViewerState:
         self.environment = Environment()
         self.compared = Compared()
         self.map_view = Compared()
+        self.scene = Scene.BALLS
+        self.ground_ball = GROUND_BALL
         self.material = Material.METAL
         self.base_colour: Rgb = WHITE
         self.is_dragging = False
@@ -356,13 +371,16 @@ class ViewerState:
 
     @property
     def is_paired(self) -> bool:
-        """Whether there is a reference to compare with."""
-        return self.references is not None
+        """Whether there is a reference beside the balls."""
+        return self.references is not None and self.scene is Scene.BALLS
 
     @property
     def shown(self) -> Comparison:
-        """What the balls show: without a reference the fit, without any lobe the reference."""
-        return self._shown(self.compared)
+        """What the balls show: without a reference the fit, without any lobe the reference.
+
+        On the ground it is the fit: a map's shadows have no closed form.
+        """
+        return Comparison.FIT if self.scene is Scene.GROUND else self._shown(self.compared)
 
     @property
     def shown_map(self) -> Comparison:

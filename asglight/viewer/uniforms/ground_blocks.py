@@ -11,8 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from asglight.shading import rectified
-from asglight.shading.occlusion import LIGHT_MIN
+from asglight.shading import occlusion, rectified
 from asglight.shading.sheets import Sheets
 
 BALL = (0.0, 1.0, 0.0)
@@ -42,6 +41,9 @@ PITCH_DEG = 22.0
 PITCH_MIN_DEG = 6.0
 """Lower, the ground would be seen from its edge."""
 
+UNSEEN = 1e-4
+"""Share of all irradiance below which a sheet is left out: it could not be seen in 8 bits."""
+
 SHEET = np.dtype(
     [
         ("axis_x", "<f4", 3),
@@ -53,7 +55,7 @@ SHEET = np.dtype(
         ("variance", "<f4"),
         ("gaussian", "<f4"),
         ("inverse_lit", "<f4"),
-        ("unused", "<f4"),
+        ("variance_y", "<f4"),
     ]
 )
 
@@ -110,28 +112,28 @@ def packed_ground(made: Sheets, light: Tensor, normal: Tensor | None) -> np.ndar
         made: M sheets in the ground frame.
         light: Their amplitudes.  [M, 3]
         normal: Of the surface, [3]; those that light it not at all are left out. None for a
-            surface whose normal changes: light is then that of a sheet that it faces.
+            surface whose normal changes: light is then that of a sheet that it faces, and the
+            moments are those of x, y and z.
 
     Returns:
         An array of SHEET of those that light.
     """
     facing = light * made.integral[:, None] / math.pi
     lit = torch.ones_like(made.integral)
-    mean, deviation = torch.zeros_like(lit), torch.zeros_like(lit)
+    mean, variance = made.mean, made.variance[:, 2]
     if normal is not None:
         means, deviations = rectified.cosine(made.over_points(), normal[None])
-        mean, deviation = means[:, 0], deviations[:, 0]
-        lit = rectified.rectified(mean, rectified.widened(deviation)).mean
+        mean, variance = means[:, 0], deviations[:, 0].square()
+        lit = rectified.rectified(mean, rectified.widened(deviations[:, 0])).mean
     block = np.zeros(len(lit), SHEET)
     block["axis_x"], block["axis_y"] = made.axes[:, 0], made.axes[:, 1]
-    block["disc_variance_x"], block["disc_variance_y"] = made.disc_variance.T
+    disc = occlusion.disc_variance(made)
+    block["disc_variance_x"], block["disc_variance_y"] = disc.T
     block["light"] = facing * lit[:, None]
-    block["mean"], block["variance"] = mean, deviation.square()
-    block["gaussian"] = 2 * math.pi * made.disc_variance.prod(-1).sqrt() / made.integral
-    block["inverse_lit"] = 1 / lit.clamp(min=LIGHT_MIN)
+    block["mean"], block["variance"] = mean, variance
+    block["gaussian"] = 2 * math.pi * disc.prod(-1).sqrt() / made.integral
+    block["inverse_lit"] = 1 / lit.clamp(min=occlusion.LIGHT_MIN)
+    if normal is None:
+        block["inverse_lit"], block["variance_y"] = made.variance[:, 0], made.variance[:, 1]
     total = np.abs(block["light"]).sum()
     return block[np.abs(block["light"]).sum(-1) > UNSEEN * total]
-
-
-UNSEEN = 1e-4
-"""Share of all irradiance below which a sheet is left out: it could not be seen in 8 bits."""
