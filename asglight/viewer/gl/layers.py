@@ -24,9 +24,9 @@ from asglight.viewer.gl.passes import (
     release_target,
     target_texture,
 )
-from asglight.viewer.gl.reference_cache import ReferenceCache
-from asglight.viewer.gl.reference_pass import ReferencePass
-from asglight.viewer.gl.smooth_balls import SmoothBalls, is_tabled
+from asglight.viewer.gl.reference.reference_cache import ReferenceCache
+from asglight.viewer.gl.reference.reference_pass import ReferencePass
+from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_tabled
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.uniforms.map_lobes import widened

@@ -206,17 +206,10 @@ class Renderer:
         shown = state.shown
         if reference is None:
             reference = np.zeros_like(fit)
-        at = round(state.compared.wipe * fit.shape[1])
         if shown is Comparison.ROWS:
             picture = np.concatenate([fit, reference])
         else:
-            single = {
-                Comparison.FIT: fit,
-                Comparison.REFERENCE: reference,
-                Comparison.WIPE: np.concatenate([fit[:, :at], reference[:, at:]], axis=1),
-                Comparison.DIFFERENCE: fit - reference,
-                Comparison.RATIO: fit / np.maximum(reference, np.finfo(np.float32).tiny),
-            }[shown]
+            single = _compared(shown, fit, reference, state.compared.wipe)
             top, rows = strip(self.shown_balls.height, is_paired=state.is_paired)
             picture = np.zeros((self.shown_balls.height, *single.shape[1:]), np.float32)
             picture[top : top + rows] = single
@@ -374,6 +367,19 @@ def _leave_unusable_view(state: ViewerState) -> None:
     except InputError as error:
         state.message = str(error)
         display.transform = ViewTransform.SRGB
+
+
+def _compared(shown: Comparison, fit: np.ndarray, reference: np.ndarray, wipe: float) -> np.ndarray:
+    """Return the radiance of one picture of two.  [H, W, 3]."""
+    at = round(wipe * fit.shape[1])
+    if shown is Comparison.WIPE:
+        return np.concatenate([fit[:, :at], reference[:, at:]], axis=1)
+    if shown is Comparison.DIFFERENCE:
+        return fit - reference
+    if shown is Comparison.RATIO:
+        with np.errstate(over="ignore"):  # over black it is infinite
+            return fit / np.maximum(reference, np.finfo(np.float32).tiny)
+    return fit if shown is Comparison.FIT else reference
 
 
 def _display_key(state: ViewerState) -> tuple[Any, ...]:

@@ -16,7 +16,7 @@ import torch
 from asglight.shading import ball_tables
 from asglight.shading.ball_tables import CameraMap
 from asglight.viewer.gl.passes import pass_program, radiance_target, release_target, target_texture
-from asglight.viewer.gl.smooth_balls import SmoothBalls, is_tabled
+from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_tabled
 from asglight.viewer.reference.reference_map import prepared
 from asglight.viewer.state.balls import Ball
 
