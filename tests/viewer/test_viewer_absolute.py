@@ -13,8 +13,8 @@ from usd_tracks import moving
 
 from asglight.lobes import Form, Lobes, asg
 from asglight.usd.lights.colour_temperature import KELVIN_LIMITS, rgb_of, temperature_of
-from asglight.viewer.state.absolute import FIELDS, colour_edit, edit_of, lamp_of
-from asglight.viewer.state.edits import apply
+from asglight.viewer.state.edits.absolute import FIELDS, colour_edit, edit_of, lamp_of
+from asglight.viewer.state.edits.history import apply
 
 FLOAT32_DEG = 2e-4
 """Degrees: a float32 axis is known to 1e-7, and near the zenith azimuth and roll to a thousandth of

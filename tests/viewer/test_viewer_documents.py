@@ -23,10 +23,11 @@ from asglight.usd import read_usd, write_usd
 from asglight.viewer.io import native
 from asglight.viewer.io.browsing import Kind, listed
 from asglight.viewer.state.display import Comparison
-from asglight.viewer.state.edits import scale_amplitude
+from asglight.viewer.state.edits.history import scale_amplitude
 from asglight.viewer.state.session import Session, no_lobes
 from asglight.viewer.state.source import FixedSource
-from asglight.viewer.state.viewer_state import Request, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Request
 
 CTRL = int(imgui.Key.mod_ctrl)
 
@@ -346,7 +347,7 @@ import os, sys
 from pathlib import Path
 import windows
 from asglight.usd import read_usd
-from asglight.viewer.state.edits import scale_amplitude
+from asglight.viewer.state.edits.history import scale_amplitude
 
 stage, kept = map(Path, sys.argv[1:])
 
@@ -551,7 +552,7 @@ def test_kept_edits_are_what_was_done(
     drive_stage: Callable[..., None], stage: Path, tmp_path: Path
 ) -> None:
     from asglight.viewer.io.autosave import Autosave
-    from asglight.viewer.state.edits import turn
+    from asglight.viewer.state.edits.history import turn
 
     tracks = read_usd(stage)
     edits = (turn(0, 1, [0, 0, 1], [0, 1, 1]), scale_amplitude(1, None, 1.5, (1.0, 0.5, 2.0)))

@@ -16,7 +16,7 @@ from usd_tracks import moving
 
 from asglight.lobes import Form, LobeTracks, asg
 from asglight.usd import read_usd, write_edit_layer, write_usd
-from asglight.viewer.state.edits import (
+from asglight.viewer.state.edits.history import (
     LOG2_MAX,
     Edit,
     EditHistory,

@@ -13,12 +13,13 @@ from windows import grey
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, asg
 from asglight.viewer.gl.arrangement import cells, hit
-from asglight.viewer.state.absolute import lamp_of
 from asglight.viewer.state.commands import COMMANDS, command
 from asglight.viewer.state.display import EXPOSURE_EV_MAX, Comparison, Display
-from asglight.viewer.state.editing import Scope
+from asglight.viewer.state.edits.absolute import lamp_of
+from asglight.viewer.state.edits.editing import Scope
 from asglight.viewer.state.inspector import angles_deg, inspect_ball, inspect_map, stops
-from asglight.viewer.state.viewer_state import Request, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Request
 
 
 def test_lobes_are_those_of_the_frame(two_lamps: LobeTracks) -> None:

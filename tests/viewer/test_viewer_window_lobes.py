@@ -17,11 +17,12 @@ from asglight.lobes import LobeTracks
 from asglight.sphere import latlong
 from asglight.usd import read_usd, write_usd
 from asglight.viewer.gl.arrangement import cells
-from asglight.viewer.state.absolute import lamp_of
-from asglight.viewer.state.edits import scale_amplitude
+from asglight.viewer.state.edits.absolute import lamp_of
+from asglight.viewer.state.edits.history import scale_amplitude
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
-from asglight.viewer.state.viewer_state import Request, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Request
 
 
 def map_point(test: Any, u: float, v: float) -> ImVec2:

@@ -15,7 +15,7 @@ from pathlib import Path
 from asglight.errors import InputError
 from asglight.images.output import written_beside
 from asglight.lobes import LobeTracks
-from asglight.viewer.state.edits import Edit
+from asglight.viewer.state.edits.history import Edit
 
 
 class Autosave:

@@ -25,9 +25,10 @@ from asglight.viewer.io.saving import (
     write_png,
 )
 from asglight.viewer.reference.images import Reference, open_reference, whole_sequence
-from asglight.viewer.state.edits import Edit
+from asglight.viewer.state.edits.history import Edit
 from asglight.viewer.state.session import Session
-from asglight.viewer.state.viewer_state import RENDERS, Request, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import RENDERS, Request
 
 RECENT_MAX = 8
 """Files in the list of recent ones."""

@@ -13,7 +13,7 @@ from asglight.images.message import shown
 from asglight.images.output import written_beside
 from asglight.lobes import LobeTracks
 from asglight.usd import write_edit_layer
-from asglight.viewer.state.edits import Edit
+from asglight.viewer.state.edits.history import Edit
 from asglight.viewer.state.session import Session
 
 

@@ -8,7 +8,8 @@ from asglight.viewer.gl.inspecting import inspect
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.panels import legend, widgets
 from asglight.viewer.state.display import Comparison, Subject
-from asglight.viewer.state.viewer_state import Probe, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Probe
 
 _NAMES = {
     Subject.TOTAL: ("Fit", "Reference (HDRI)"),

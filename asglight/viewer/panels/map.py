@@ -14,7 +14,8 @@ from asglight.viewer.panels import legend, widgets
 from asglight.viewer.state.commands import command
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.picking import pick
-from asglight.viewer.state.viewer_state import Outlines, Probe, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Outlines, Probe
 from asglight.viewer.uniforms import outlines
 
 CLICK_POINTS = 4.0

@@ -8,7 +8,8 @@ from imgui_bundle import hello_imgui, imgui
 
 from asglight.viewer.io.documents import Documents
 from asglight.viewer.state.commands import command
-from asglight.viewer.state.viewer_state import Theme, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Theme
 
 
 def menus(documents: Documents) -> None:

@@ -11,7 +11,8 @@ from asglight.sphere import latlong
 from asglight.viewer.gl.arrangement import Hit
 from asglight.viewer.state import picking
 from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY
-from asglight.viewer.state.viewer_state import Inspected, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Inspected
 
 SHARE_MIN = 0.01
 """Lobes that send less than a hundredth of the light are not named."""

@@ -4,16 +4,12 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from enum import Enum, StrEnum, auto
-from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 import torch
 
 from asglight.errors import InputError
-from asglight.lobes import Form, Lobes, LobeTracks, asg, flat, motion
+from asglight.lobes import Form, Lobes, LobeTracks, asg, flat
 from asglight.viewer.reference.images import Reference
 from asglight.viewer.state.balls import WHITE, Ball, Material, Rgb, ball_row
 from asglight.viewer.state.camera import Camera
@@ -23,14 +19,24 @@ from asglight.viewer.state.display import (
     MIDDLE_GREY,
     Comparison,
     Display,
-    Subject,
 )
-from asglight.viewer.state.editing import Editing
-from asglight.viewer.state.edits import EditHistory, toggle_mute
+from asglight.viewer.state.edits.editing import Editing
+from asglight.viewer.state.edits.history import EditHistory, toggle_mute
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.picking import energies
 from asglight.viewer.state.playback import Playback
+from asglight.viewer.state.shown import dissolved, shown_lobes
 from asglight.viewer.state.time_span import TimeSpan
+from asglight.viewer.state.views import (
+    Compared,
+    Environment,
+    Inspected,
+    Outlines,
+    Probe,
+    Request,
+    Selection,
+    Theme,
+)
 
 MAX_LOBES = 128
 """Lobes in a frame: 8 KiB of the 16 KiB that every OpenGL has for a uniform block."""
@@ -45,147 +51,6 @@ INTENSITY_EV_MAX = 10.0
 def lobes_max(form: Form) -> int:
     """Return how many lobes of a form the viewer holds."""
     return SHEETS_MAX // len(flat.TERMS) if form is Form.FLAT else MAX_LOBES
-
-
-class Request(Enum):
-    """What only the window can do; it empties the list after every picture."""
-
-    OPEN = auto()
-    SAVE_EDITS = auto()
-    SAVE_PICTURE = auto()
-    RENDER = auto()
-    RENDER_LABELLED = auto()
-    RENDER_TURNTABLE = auto()
-    QUIT = auto()
-
-
-RENDERS = (Request.RENDER, Request.RENDER_LABELLED, Request.RENDER_TURNTABLE)
-
-
-class Theme(StrEnum):
-    """Colours of the window around the pictures."""
-
-    DARK = "dark"
-    LIGHT = "light"
-
-
-class Outlines(StrEnum):
-    """Which lobes are drawn over the map."""
-
-    ALL = "all outlines"
-    SELECTED = "selected only"
-    NONE = "no outlines"
-
-
-@dataclass
-class Environment:
-    """The environment around the balls.
-
-    Attributes:
-        intensity_ev: Stops added to all of its radiance.
-        is_shown: Whether it is seen behind the balls.
-    """
-
-    intensity_ev: float = 0.0
-    is_shown: bool = False
-
-
-@dataclass
-class Selection:
-    """Which lobes are looked at: a matter of the view; muting is an edit (edits.py).
-
-    Attributes:
-        lobe: Index of the selected one.
-        solo: While there are any, only these light.
-        is_new: Whether the list has not shown it yet.
-    """
-
-    lobe: int | None = None
-    solo: set[int] = field(default_factory=set)
-    is_new: bool = False
-
-
-@dataclass
-class Compared:
-    """What is shown of the fit and its reference.
-
-    Attributes:
-        comparison: Which of both.
-        subject: What counts as fit and as reference.
-        wipe: Share of the columns left of the wipe.
-        is_flipped: Whether a held key shows the other one.
-    """
-
-    comparison: Comparison = Comparison.FIT
-    subject: Subject = Subject.TOTAL
-    wipe: float = 0.5
-    is_flipped: bool = False
-
-    @property
-    def shown(self) -> Comparison:
-        """What is shown now: while flipped, the reference; the fit where that is shown already."""
-        if not self.is_flipped:
-            return self.comparison
-        is_reference = self.comparison is Comparison.REFERENCE
-        return Comparison.FIT if is_reference else Comparison.REFERENCE
-
-
-@dataclass(frozen=True)
-class Probe:
-    """Where numbers are read.
-
-    Attributes:
-        place: The map, or the balls.
-        x: Share of the picture's columns from the left.
-        y: Share of its rows from the top; of one row of balls.
-    """
-
-    place: Literal["map", "balls"]
-    x: float
-    y: float
-
-
-@dataclass(frozen=True)
-class Inspected:
-    """What lies under the pointer.
-
-    Attributes:
-        place: Where: the map, or a ball's name.
-        direction: In the environment's coordinates; on a ball, what a mirror would show.  [3]
-        fit: Radiance of what is shown as fit.  [3]
-        reference: Of what is shown as reference, where there is one.  [3]
-        shares: Indices of the lobes that send light from the direction, and their share of its
-            luminance, the largest first.
-    """
-
-    place: str
-    direction: np.ndarray
-    fit: np.ndarray | None
-    reference: np.ndarray | None
-    shares: list[tuple[int, float]]
-
-
-@lru_cache(maxsize=4)
-def shown_lobes(tracks: Held[LobeTracks], index: int, part: float) -> Lobes:
-    """Return the lobes of a frame, or between it and the next one.  [N, .].
-
-    Args:
-        tracks: The shot.
-        index: Place of the frame.
-        part: How far to the next one (lobes/motion.py has the rule).
-    """
-    if not part:
-        return tracks.value.lobes[index]
-    pair = slice(index, index + 2)
-    frames, lobes = tracks.value.frames[pair], tracks.value.lobes[pair]
-    time = frames[0] + part * (frames[1] - frames[0])
-    return motion.at(replace(tracks.value, frames=frames, lobes=lobes), [time])[0].to(torch.float32)
-
-
-@lru_cache(maxsize=2)
-def dissolved(first: Held[np.ndarray], last: Held[np.ndarray], part: float) -> np.ndarray:
-    """Return two images mixed, float32 [H, W, 3]."""
-    return ((1 - part) * first.value + part * last.value).astype(np.float32)
 
 
 class ViewerState:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from asglight.lobes import Lobes
-from asglight.viewer.state.absolute import colour_edit, edit_of
-from asglight.viewer.state.edits import EditHistory, turn
+from asglight.viewer.state.edits.absolute import colour_edit, edit_of
+from asglight.viewer.state.edits.history import EditHistory, turn
 
 
 class Scope(StrEnum):

@@ -20,7 +20,7 @@ from asglight.lobes import Form, Lobes, asg
 from asglight.usd.lights.colour_temperature import temperature_of
 from asglight.viewer.state.balls import Rgb
 from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY
-from asglight.viewer.state.edits import LOG2_MAX, TINT_MIN, Edit
+from asglight.viewer.state.edits.history import LOG2_MAX, TINT_MIN, Edit
 from asglight.viewer.uniforms.outlines import half_angles
 
 FIELDS = ("azimuth", "elevation", "roll", "width", "height", "intensity")

@@ -9,7 +9,7 @@ from imgui_bundle import ImVec2, imgui
 from asglight.viewer.io.browsing import Browser, Entry, Kind
 from asglight.viewer.io.documents import Documents
 from asglight.viewer.panels import widgets
-from asglight.viewer.state.viewer_state import Request
+from asglight.viewer.state.views import Request
 
 _TITLES = {
     Request.OPEN: "Open",

@@ -9,8 +9,8 @@ from imgui_bundle import imgui
 from asglight.lobes import Form
 from asglight.usd.lights.colour_temperature import KELVIN_LIMITS, rgb_of
 from asglight.viewer.panels import widgets
-from asglight.viewer.state.absolute import Lamp, lamp_of
 from asglight.viewer.state.display import EXPOSURE_EV_MAX
+from asglight.viewer.state.edits.absolute import Lamp, lamp_of
 from asglight.viewer.state.viewer_state import ViewerState
 
 _TINT_LIMITS = (-3.0, 3.0)

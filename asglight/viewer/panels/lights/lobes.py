@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 
 from asglight.lobes import LobeTracks
 from asglight.viewer.panels import widgets
-from asglight.viewer.panels.edit import edit_controls
+from asglight.viewer.panels.lights.controls import edit_controls
 from asglight.viewer.state import picking
 from asglight.viewer.state.commands import command
 from asglight.viewer.state.held import Held
