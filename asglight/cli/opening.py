@@ -142,14 +142,15 @@ def _stage(stage: Path, request: Request) -> "Session":
     with contextlib.ExitStack() as on_failure:
         if not os.path.exists(stage) and os.path.exists(checkpoint_of(stage)):
             source, tracks = _watched(stage)
+            muted: frozenset[int] = frozenset()
         else:
             from asglight.usd import read_stage
 
             reading = read_stage(stage, request.rig)
-            tracks = reading.tracks
+            tracks, muted = reading.unmuted, reading.muted
             source = FixedSource(tracks, findings_line(reading))
         on_failure.callback(source.close)
-        state = ViewerState(tracks)
+        state = ViewerState(tracks, muted=muted)
         reference = None
         if request.reference is not None:
             whole = whole_sequence(request.reference, tracks.frames)

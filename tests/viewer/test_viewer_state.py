@@ -16,7 +16,7 @@ from asglight.viewer.gl.arrangement import cells, hit
 from asglight.viewer.state.commands import COMMANDS, command
 from asglight.viewer.state.display import EXPOSURE_EV_MAX, Comparison, Display
 from asglight.viewer.state.edits.absolute import lamp_of
-from asglight.viewer.state.edits.editing import Scope
+from asglight.viewer.state.edits.editing import Moment, Scope
 from asglight.viewer.state.inspector import angles_deg, inspect_ball, inspect_map, stops
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Request
@@ -162,7 +162,7 @@ def test_file_commands_ask_the_window(two_lamps: LobeTracks) -> None:
 def test_undo_and_redo_go_through_the_history(two_lamps: LobeTracks) -> None:
     state = ViewerState(two_lamps)
     stops = lamp_of(state.lobes[0]).intensity
-    state.editing.set_value(state.history, 0, 0, "intensity", stops + 1)
+    state.editing.set_value(state.history, (0,), state.moment, "intensity", stops + 1)
     state.editing.commit(state.history)
     torch.testing.assert_close(state.lobes.amplitude[0], 2 * two_lamps.lobes.amplitude[0, 0])
     command("Undo").run(state)
@@ -179,12 +179,12 @@ def test_controls_change_the_lobe_of_the_shown_frame(two_lamps: LobeTracks, form
     state = ViewerState(tracks)
     state.editing.scope = Scope.ONE
     lamp = lamp_of(state.tracks.lobes[2, 1])
-    state.editing.set_value(state.history, 1, 2, "intensity", lamp.intensity - 2)
+    state.editing.set_value(state.history, (1,), Moment(2, 0, 2), "intensity", lamp.intensity - 2)
     state.editing.commit(state.history)
     wanted = tracks.lobes.amplitude.clone()
     wanted[2, 1] /= 4
     torch.testing.assert_close(state.tracks.lobes.amplitude, wanted)
-    state.editing.set_value(state.history, 1, 2, "width", lamp.width / 2)
+    state.editing.set_value(state.history, (1,), Moment(2, 0, 2), "width", lamp.width / 2)
     narrow = lamp_of(state.tracks.lobes[2, 1])
     assert narrow.width == pytest.approx(lamp.width / 2, rel=1e-4)
     height = lamp.height / 2 if form is Form.SG else lamp.height

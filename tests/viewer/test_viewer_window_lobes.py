@@ -18,7 +18,7 @@ from asglight.sphere import latlong
 from asglight.usd import read_usd, write_usd
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.state.edits.absolute import lamp_of
-from asglight.viewer.state.edits.history import scale_amplitude
+from asglight.viewer.state.edits.edit import Span, scale_amplitude
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.viewer_state import ViewerState
@@ -376,7 +376,7 @@ def test_the_history_shows_each_edit_and_goes_back_to_it(drive: Drive) -> None:
         state = driven.state
         state.history.add(scale_amplitude(0, None, 1.0))
         state.toggle_mute(1)
-        state.history.add(scale_amplitude(1, 2, 1.0, (1.0, 0.5, 1.0)))
+        state.history.add(scale_amplitude(1, Span.at(2), 1.0, (1.0, 0.5, 1.0)))
         assert [edit.what for edit in state.history.steps] == [
             "intensity +1.00 EV",
             "mute on or off",

@@ -79,3 +79,17 @@ def hit(arrangement: list[Cell], x: float, y: float) -> Hit | None:
         if depth2 > 0:
             return Hit(index, np.array([right, up, math.sqrt(depth2)]))
     return None
+
+
+def mirroring(direction: np.ndarray) -> np.ndarray | None:
+    """Return the normal at which a ball mirrors a direction towards the camera: midway of both.
+
+    Args:
+        direction: Unit vector in the camera's coordinates.  [3]
+
+    Returns:
+        Unit normal; None right behind the ball, which only its rim mirrors.  [3]
+    """
+    middle = direction + np.array([0.0, 0.0, 1.0])
+    length = float(np.linalg.norm(middle))
+    return middle / length if length > 1e-6 else None  # 1e-6: float32 has lost the direction

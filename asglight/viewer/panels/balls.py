@@ -7,6 +7,7 @@ from asglight.viewer.gl.arrangement import Cell, cells, hit
 from asglight.viewer.gl.inspecting import inspect
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.panels import legend, widgets
+from asglight.viewer.panels.lights.highlight import highlight
 from asglight.viewer.state.display import Comparison, Subject
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Probe
@@ -36,7 +37,8 @@ def balls(state: ViewerState, renderer: Renderer) -> None:
     imgui.set_cursor_screen_pos(origin)
     imgui.set_next_item_allow_overlap()
     imgui.invisible_button("##picture", ImVec2(*points), _MOUSE)
-    _mouse(state, origin, points)
+    if not highlight(state, origin, points):
+        _mouse(state, origin, points)
     if imgui.is_item_hovered():
         pointer = imgui.get_mouse_pos()
         _probe(state, points, (pointer.x - origin.x, pointer.y - origin.y))

@@ -54,7 +54,7 @@ def latlong_map(state: ViewerState, renderer: Renderer) -> None:
 
 
 def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
-    """Click: select a lobe. Drag: turn the lobe that the drag began on."""
+    """Click: select lobes. Drag: turn those selected, of which the drag began on one."""
     if not (imgui.is_item_hovered() or imgui.is_item_active()):
         return
     place = _place(imgui.get_mouse_pos(), origin, points)
@@ -62,24 +62,42 @@ def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     editing = state.editing
     tolerance = CLICK_POINTS * np.pi / points[1]
     if imgui.is_item_activated():
-        state.select(pick(state.lobes, _direction(place).tolist(), tolerance))
+        _pick(state, _direction(place).tolist(), tolerance)
         editing.drag_from = _direction(place).tolist()
-    if imgui.is_item_active() and state.selection.lobe is not None:
+    if imgui.is_item_active() and state.selected and editing.reaches(state.moment):
         delta = imgui.get_mouse_drag_delta(imgui.MouseButton_.left, widgets.em(STILL_EM))
         if delta.x or delta.y:
             target = _direction(place).tolist()
-            editing.turn_to(state.history, state.selection.lobe, state.playback.index, target)
+            editing.turn_to(state.history, state.selected, state.moment, target)
     if imgui.is_item_deactivated():
         editing.commit(state.history)
+
+
+def _pick(state: ViewerState, direction: list[float], tolerance: float) -> None:
+    """Select the lobe that a click means; with Ctrl or Shift beside the others.
+
+    A click on one of several that are selected keeps them, so that they can be dragged.
+    """
+    present = state.history.present
+    lobes = state.lobes.select(torch.tensor(present, dtype=torch.long))
+    found = pick(lobes, direction, tolerance)
+    lobe = None if found is None else present[found]
+    io = imgui.get_io()
+    adds = io.key_ctrl or io.key_shift
+    if lobe is not None and adds:
+        state.select_also(lobe)
+    elif not adds and (lobe is None or lobe not in state.selected):
+        state.select(lobe)
 
 
 def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     draw = imgui.get_window_draw_list()
     end = ImVec2(origin.x + points[0], origin.y + points[1])
     draw.push_clip_rect(origin, end, True)
-    lit = state.lit
-    for index, outline in enumerate(_outlines(Held(state.lobes))):
-        is_selected = index == state.selection.lobe
+    lit, selected = state.lit, state.selected
+    every = _outlines(Held(state.lobes))
+    for index in state.history.present:
+        outline, is_selected = every[index], index in selected
         if state.outlines is Outlines.NONE or (
             state.outlines is Outlines.SELECTED and not is_selected
         ):

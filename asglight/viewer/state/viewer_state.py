@@ -3,7 +3,7 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import torch
@@ -20,8 +20,9 @@ from asglight.viewer.state.display import (
     Comparison,
     Display,
 )
-from asglight.viewer.state.edits.editing import Editing
-from asglight.viewer.state.edits.history import EditHistory, toggle_mute
+from asglight.viewer.state.edits import editing
+from asglight.viewer.state.edits.editing import Editing, Moment
+from asglight.viewer.state.edits.history import EditHistory
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.picking import energies
 from asglight.viewer.state.playback import Playback
@@ -33,6 +34,7 @@ from asglight.viewer.state.views import (
     Inspected,
     Outlines,
     Probe,
+    Renaming,
     Request,
     Selection,
     Theme,
@@ -79,7 +81,8 @@ class ViewerState:
         probe: Where that is.
         fitted: Frames whose lobes are known; None for all.
         is_fitting: Whether more lobes will come.
-        editing: Where the sliders of the selected lobe stand.
+        editing: Where edits hold, and what the hand holds.
+        renaming: The name of a lobe that is being typed, or None.
         moves_wipe: Whether the drag that goes on began on the wipe line.
         requests: What the window is to do.
     """
@@ -89,6 +92,7 @@ class ViewerState:
         tracks: LobeTracks,
         references: Reference | None = None,
         clock: Callable[[], float] = time.monotonic,
+        muted: Iterable[int] = (),
     ) -> None:
         """Show tracks from their first frame on.
 
@@ -96,6 +100,7 @@ class ViewerState:
             tracks: At least one frame.
             references: Images to compare with.
             clock: Seconds on a steady clock, for playing.
+            muted: Indices of the lobes that are muted.
 
         Raises:
             InputError: There are more lobes than `lobes_max`.
@@ -116,16 +121,27 @@ class ViewerState:
         self.message = ""
         self.editing = Editing()
         self.moves_wipe = False
+        self.renaming: Renaming | None = None
         self.inspected: Inspected | None = None
         self.probe: Probe | None = None
         self.fitted: frozenset[int] | None = None
         self.is_fitting = False
         self.requests: list[Request] = []
         self.references: Reference | None = None
-        self.open(tracks, references)
+        self.open(tracks, references, muted)
 
-    def open(self, tracks: LobeTracks, references: Reference | None = None) -> None:
+    def open(
+        self,
+        tracks: LobeTracks,
+        references: Reference | None = None,
+        muted: Iterable[int] = (),
+    ) -> None:
         """Show other tracks; camera, display and environment stay as they are.
+
+        Args:
+            tracks: At least one frame; lobes that are muted as they would light.
+            references: Images to compare with.
+            muted: Indices of the lobes that are muted.
 
         Raises:
             InputError: There are more lobes than `lobes_max`.
@@ -136,7 +152,7 @@ class ViewerState:
                 f"tracks: {tracks.lobes.count} lobes; expected at most {most}, which is "
                 "what the viewer holds. Fit fewer with --lobes."
             )
-        self.history = EditHistory(tracks)
+        self.history = EditHistory(tracks, muted)
         self.playback = Playback(tracks.frames, tracks.fps)
         self.span = TimeSpan(tracks.frames[0], tracks.frames[-1] + 1)
         self.selection = Selection(self._brightest())
@@ -169,18 +185,29 @@ class ViewerState:
 
     @property
     def lobe_names(self) -> tuple[str, ...]:
-        """What the lobes are called, as in the stage."""
-        return self.tracks.names
+        """What the lobes are called."""
+        return self.history.names
 
     @property
     def lobes(self) -> Lobes:
         """All lobes of the shown time.  [N, .]."""
         return shown_lobes(Held(self.tracks), self.playback.index, self.playback.part)
 
+    def fitted_lobe(self, lobe: int) -> Lobes:
+        """Return a lobe in the shown frame as it was before any edit.  [.]."""
+        return self.history.first_track(lobe)[self.playback.index]
+
     @property
-    def fitted_lobes(self) -> Lobes:
-        """All lobes of the shown frame as they were before any edit.  [N, .]."""
-        return self.history.original.lobes[self.playback.index]
+    def moment(self) -> Moment:
+        """The playhead and its marks."""
+        return Moment(self.playback.index, self.playback.first, self.playback.last)
+
+    @property
+    def selected(self) -> tuple[int, ...]:
+        """Indices of the selected lobes that are there; the first has the controls."""
+        every = (self.selection.lobe, *self.selection.others)
+        present = self.history.present
+        return tuple(lobe for lobe in every if lobe in present)
 
     @property
     def is_fitted(self) -> bool:
@@ -191,18 +218,46 @@ class ViewerState:
     @property
     def lit(self) -> tuple[int, ...]:
         """Indices of the lobes that light: neither muted nor outside a solo."""
-        lobes, solo = range(self.tracks.lobes.count), self.selection.solo
-        muted = self.history.muted
-        return tuple(n for n in lobes if n not in muted and (not solo or n in solo))
+        solo, muted = self.selection.solo, self.history.muted
+        present = self.history.present
+        return tuple(n for n in present if n not in muted and (not solo or n in solo))
 
     def lights(self, lobe: int) -> bool:
         """Tell whether a lobe takes part."""
         return lobe in self.lit
 
-    def toggle_mute(self, lobe: int) -> None:
-        """Mute a lobe, or let it light again: an edit as any other."""
-        self.history.commit()
-        self.history.add(toggle_mute(lobe))
+    def together_with(self, lobe: int) -> tuple[int, ...]:
+        """Return the lobes that an action on one means: all selected, if it is one of them."""
+        selected = self.selected
+        others = tuple(other for other in selected if other != lobe)
+        return (lobe, *others) if lobe in selected else (lobe,)
+
+    def toggle_mute(self, *lobes: int) -> None:
+        """Mute lobes, or let them light again: an edit as any other."""
+        editing.toggle_mute(self.history, lobes)
+
+    def toggle_solo(self, lobes: Iterable[int]) -> None:
+        """Let only these and others like them light, or end that."""
+        solo, lobes = self.selection.solo, set(lobes)
+        if lobes <= solo:
+            solo -= lobes
+        else:
+            solo |= lobes
+
+    def delete(self, lobes: tuple[int, ...]) -> None:
+        """Delete lobes; none of them is selected or alone any more."""
+        editing.delete(self.history, lobes)
+        self.selection.solo -= set(lobes)
+        self.select(None)
+
+    def add_lobe(self, direction: Sequence[float]) -> None:
+        """Add a lobe and select it, unless there is no room or a fit still brings lobes."""
+        if self.is_fitting:
+            self.message = "Lobes can be added when the fit has ended."
+        elif self.tracks.lobes.count >= lobes_max(self.tracks.lobes.form):
+            self.message = f"No room: the viewer holds {self.tracks.lobes.count} lobes."
+        else:
+            self.select(editing.add(self.history, self.playback.index, direction))
 
     @property
     def lit_lobes(self) -> Lobes:
@@ -223,6 +278,11 @@ class ViewerState:
     def shown(self) -> Comparison:
         """What the balls show: without a reference the fit, without any lobe the reference."""
         return self._shown(self.compared)
+
+    @property
+    def rows(self) -> int:
+        """How many rows of balls the picture has, one above the other."""
+        return 2 if self.shown is Comparison.ROWS else 1
 
     @property
     def shown_map(self) -> Comparison:
@@ -277,9 +337,33 @@ class ViewerState:
         return True
 
     def select(self, lobe: int | None) -> None:
-        """Select a lobe, or none."""
+        """Select a lobe alone, or none."""
         self.selection.is_new = lobe is not None and lobe != self.selection.lobe
-        self.selection.lobe = lobe
+        self.selection.lobe, self.selection.others = lobe, ()
+
+    def select_also(self, lobe: int) -> None:
+        """Select a lobe beside the others, first of them; or leave it out if it is selected."""
+        others = tuple(other for other in self.selected if other != lobe)
+        if lobe in self.selected:
+            self.selection.lobe = others[0] if others else None
+            self.selection.others = others[1:]
+        else:
+            self.selection.lobe, self.selection.others = lobe, others
+
+    def select_to(self, lobe: int, order: Sequence[int]) -> None:
+        """Select all lobes of a list from the one selected first to another.
+
+        Args:
+            lobe: The other end.
+            order: Indices of the lobes as they are listed.
+        """
+        selected = self.selected
+        start = order.index(selected[0] if selected else lobe)
+        end = order.index(lobe)
+        between = order[min(start, end) : max(start, end) + 1]
+        first = order[start]
+        self.selection.lobe = first
+        self.selection.others = tuple(other for other in between if other != first)
 
     def _brightest(self) -> int | None:
         """Return the lobe with the most energy in the shown frame, if there are any."""

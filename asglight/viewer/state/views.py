@@ -55,17 +55,34 @@ class Environment:
 
 @dataclass
 class Selection:
-    """Which lobes are looked at: a matter of the view; muting is an edit (edits.py).
+    """Which lobes are looked at: a matter of the view; muting is an edit.
 
     Attributes:
-        lobe: Index of the selected one.
+        lobe: Index of the selected one whose controls are shown.
+        others: Those selected beside it.
         solo: While there are any, only these light.
         is_new: Whether the list has not shown it yet.
     """
 
     lobe: int | None = None
+    others: tuple[int, ...] = ()
     solo: set[int] = field(default_factory=set)
     is_new: bool = False
+
+
+@dataclass
+class Renaming:
+    """A name that is being typed.
+
+    Attributes:
+        lobe: Index of the lobe.
+        text: What has been typed.
+        has_begun: Whether the field has the keyboard.
+    """
+
+    lobe: int
+    text: str
+    has_begun: bool = False
 
 
 @dataclass
