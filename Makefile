@@ -38,9 +38,9 @@ bench: setup     ## error against run time, in two minutes each, held against th
 	$(BIN)/asglight bench "$(MAPS)/lobby.exr" "$(SEQUENCES)/tunnel" --quick -o bench-output \
 	  --gate benchmarks/bench-baseline.json
 
-stress: setup    ## stiff, extreme and broken input, measured, into docs/stress.md (stress-output/)
+stress: setup    ## stiff, extreme and broken input, measured, into docs/results/stress.md (stress-output/)
 	$(BIN)/asglight stress -o stress-output
-	cp stress-output/stress.md docs/stress.md
+	cp stress-output/stress.md docs/results/stress.md
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
 	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
@@ -51,10 +51,10 @@ bench-motion: setup  ## light between frames and at them, on SEQUENCES2X and SEQ
 bench-command: setup  ## whole commands as ratios, held against the baseline (command-output/); BLESS=1 renews it
 	$(BIN)/python -m benchmarks.command -o command-output $(if $(BLESS),--bless)
 
-gpu:             ## all that is measured on a GPU, in eight minutes (gpu-output/, docs/gpu.md); WHEELS=DIR without network
+gpu:             ## all that is measured on a GPU, in eight minutes (gpu-output/, docs/results/gpu.md); WHEELS=DIR without network
 	PYTHON=$(PYTHON) WHEELS="$(WHEELS)" sh .ci/gpu -o gpu-output --maps "$(MAPS)" --sequence "$(SEQUENCES)/day"
 
-figures: setup   ## the paper's figures on MAPS and SEQUENCES, into docs/figures.md (figures-output/)
+figures: setup   ## the paper's figures on MAPS and SEQUENCES, into docs/results/figures.md (figures-output/)
 	$(BIN)/asglight figures lobes "$(MAPS)/lobby.exr" -o figures-output
 	$(BIN)/asglight figures losses "$(MAPS)/lobby.exr" -o figures-output
 	$(BIN)/asglight figures time "$(SEQUENCES)/handheld" --frames 1001-1010 -o figures-output
@@ -62,9 +62,7 @@ figures: setup   ## the paper's figures on MAPS and SEQUENCES, into docs/figures
 	$(BIN)/python benchmarks/docs_figures.py figures-output docs
 
 test: setup      ## all tests, a file of them on each core at a time
-	$(BIN)/python -m pytest -n auto --dist loadfile --ignore=tests/viewer
-	# a process for each file with windows: Dear ImGui can crash where one follows those of another
-	ls tests/viewer/test_*.py | xargs -n 1 -P $$(nproc) $(BIN)/python -m pytest -p no:cacheprovider
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-fast: setup ## the tests of less than ten seconds each
 	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'

@@ -9,7 +9,7 @@ Example:
     (1001, 1002, 1003)
     >>> asglight.irradiance(tracks, normals, time=1001.5)      # [P, 3]
 
-docs/python.md shows all of it.
+docs/guides/python.md shows all of it.
 
 The names load what they need when they are first used: `import asglight` alone loads neither torch
 nor pxr.

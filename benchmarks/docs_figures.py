@@ -3,8 +3,9 @@
 
     python benchmarks/docs_figures.py figures-output docs
 
-The head of docs/figures.md, up to the first section, stays as it is; what follows is the captions.
-Pictures get 200 colours with dither, which a reader does not see and which takes half as much.
+The head of docs/results/figures.md, up to the first section, stays as it is; what follows is the
+captions. Pictures get 200 colours with dither, which a reader does not see and which takes half as
+much.
 """
 
 import sys
@@ -20,11 +21,11 @@ COLOURS = 200
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write docs/images/figure-*.png and docs/figures.md."""
+    """Write docs/results/images/figure-*.png and docs/results/figures.md."""
     source, docs = map(Path, sys.argv[1:] if argv is None else argv)
     for name in FIGURES:
-        shrink(source / f"figure-{name}.png", docs / "images" / f"figure-{name}.png")
-    page = docs / "figures.md"
+        shrink(source / f"figure-{name}.png", docs / "results" / "images" / f"figure-{name}.png")
+    page = docs / "results" / "figures.md"
     captions = [(source / f"figure-{name}.md").read_text() for name in FIGURES]
     page.write_text(assembled(page.read_text(), captions))
     return 0

@@ -4,9 +4,9 @@
 A scene is some random lobes of one form, seen from a random side under a random roughness, and
 integrated by brute force at points of a ball. Its lights are mixed anew at every step: it is whole
 environments that the constants serve, and of them the worst. No map is used.
-Adam moves the constants so that the error of a ball's light, in units of what docs/shading.md
-allows at its roughness, is small on average and at the fourth power. Prints the errors of scenes
-that were not fitted. Two and a half minutes of a core.
+Adam moves the constants so that the error of a ball's light, in units of what
+docs/method/shading.md allows at its roughness, is small on average and at the fourth power. Prints
+the errors of scenes that were not fitted. Two and a half minutes of a core.
 
     python benchmarks/fit_shading.py
 """

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flat lobes beside asg lobes of the same eight numbers: the table of docs/fitting.md.
+"""Flat lobes beside asg lobes of the same eight numbers: the table of docs/method/fitting.md.
 
     python benchmarks/flat_tops.py ../shared/hdri/studio.exr ../shared/sequences/tunnel/*.1018.exr
 
 Each map is fitted with `fast` as asg, as flat, and as whichever it chooses (--form auto). One line
-each: what was chosen, J, the errors of docs/metrics.md, CPU seconds.
+each: what was chosen, J, the errors of docs/results/measures.md, CPU seconds.
 """
 
 import argparse

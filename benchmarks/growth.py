@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The growth that `asglight bench --full` measures, without its other hours: docs/bench.md.
+"""The growth that `asglight bench --full` measures, without its other hours: docs/results/bench.md.
 
     python benchmarks/growth.py ../shared/hdri/lobby.exr -o growth.json
 

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a stage's keys and rest show together, against the images: the tables of docs/keys.md.
+"""What a stage's keys and rest show together, against the images (docs/guides/keys.md).
 
     python benchmarks/keys.py ../shared/hdri/*.exr ../shared/sequences/*
     python benchmarks/keys.py ../shared/hdri/*.exr --texture
 
 Each input is fitted with `fast`, its keys are cut, and the stage is read by pxr alone: lights are
 what UsdLux says, seen from the origin along rays through every texel, and the rest is its image.
-The errors are those of docs/metrics.md; of a sequence the worst frame counts. `flux` is the largest
-error of a channel, `rim` the largest gradient of the rest within the rim of a matte over that of
-the map around it, `pump` how much more the rest changes from frame to frame within the mattes than
-around them.
+The errors are those of docs/results/measures.md; of a sequence the worst frame counts. `flux` is
+the largest error of a channel, `rim` the largest gradient of the rest within the rim of a matte
+over that of the map around it, `pump` how much more the rest changes from frame to frame within the
+mattes than around them.
 """
 
 import argparse

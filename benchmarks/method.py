@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much of an error is chance, which loss and which lobes are best: tables of docs/method.md.
+"""How much of an error is chance, which loss and lobes are best (docs/results/measures.md).
 
     python benchmarks/method.py --maps ../shared/hdri -o method.json
 

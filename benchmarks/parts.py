@@ -31,7 +31,7 @@ from asglight.usd import read_usd
 
 PARTS = 3
 OVERLAP = 4
-"""Frames that neighbours share, as docs/farms.md asks."""
+"""Frames that neighbours share, as docs/guides/farms.md asks."""
 
 PRESETS = (Preset.LIVE, Preset.FAST, Preset.BEST)
 """`paper` takes a shot as one part."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Size and speed of a stage: what docs/usd.md quotes.
+"""Size and speed of a stage: what docs/reference/stage.md quotes.
 
     python benchmarks/usd.py [--lobes 15] [--frames 1000] [--repeats 3]
 

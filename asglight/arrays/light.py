@@ -58,7 +58,7 @@ def irradiance(light: Light, normals: Any, time: Time = None) -> Tensor:
     """Return the irradiance of surfaces that see all the light above their horizon.
 
     A matt surface shows albedo / pi times that. Closed form: within a percent of the irradiance of
-    a lobe that is cut by the horizon, exact for lobes above it (docs/shading.md).
+    a lobe that is cut by the horizon, exact for lobes above it (docs/method/shading.md).
 
     Args:
         light: Tracks or lobes.

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from asglight.cli.folders import made_folder
 from asglight.cli.inputs import lit, open_input
-from asglight.cli.parser import add_input_options, add_json_option
+from asglight.cli.options.parser import add_input_options, add_json_option
 from asglight.cli.printing import print_json, size
 from asglight.cli.progress import reporter
 from asglight.errors import InputError
@@ -38,7 +38,7 @@ Columns: floats used; their bytes, or those of an image's files; processor secon
 errors as of `asglight eval`; PSNR of three balls (mirror, silver, diffuse) as a screen shows them,
 in dB; FLIP: their HDR-FLIP, 0 to 1, where
 asglight[report] is installed. The second table is the three-sphere protocol of papers that
-estimate light from photographs. docs/compare.md says how each method was read.
+estimate light from photographs. docs/results/compare.md says how each method was read.
 keys and keys-texture keep an image and to no budget: the map without its lamps, and a few lights.
 paper and physg take a part of their published steps, which the table names; --full takes all:
 half an hour and hours."""

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from asglight.cli import built_in
 from asglight.cli.folders import made_folder, write_json, write_text
 from asglight.cli.inputs import lit, open_input
-from asglight.cli.parser import Parser, add_input_options, add_json_option
+from asglight.cli.options.parser import Parser, add_input_options, add_json_option
+from asglight.cli.options.reading import given, read_options
 from asglight.cli.printing import print_json
 from asglight.cli.progress import Reporter, reporter
-from asglight.cli.reading import given, read_options
+from asglight.cli.sources import built_in
 from asglight.errors import InputError
 from asglight.fitting.options import LOBES
 from asglight.fitting.paper import fit as paper
@@ -39,7 +39,8 @@ EXPLANATION = """\
 Fits INPUT anew and writes into DIR: figure-FIGURE.png, its caption with a table and what it says
 beside the paper (.md), and every number (.json). Without INPUT the built-in environment is taken.
 The paper's recipe takes a stated part of its 24,000 steps on a coarser map, so that a figure takes
-minutes; --steps 24000 --rows 256 is the published recipe and takes hours. docs/figures.md."""
+minutes; --steps 24000 --rows 256 is the published recipe and takes hours:
+docs/results/figures.md."""
 
 LOBES_MAX = 120
 ROWS_MIN, STARTS_MAX = 8, 9

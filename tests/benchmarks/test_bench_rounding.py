@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What rounding, the ridge and unneeded parts do: `benchmarks/rounding.py`, ridge.py, lean_path.py.
+
+The bounds of float32 against float64 hold on the built-in environment; docs/method/fitting.md has
+the figures of real maps.
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from bench_scripts import script
+from elsewhere import DEVICE, watched
+from lobe_cases import KNOWN, sky_and_sun
+
+from asglight.cli.sources import built_in
+from asglight.images import write_exr
+from asglight.lobes import Form, texels
+
+rounding = script("rounding")
+worker = script("rounding_worker")
+ridge = script("ridge")
+lean_path = script("lean_path")
+
+
+def exponent_rounding(rows: int) -> float:
+    """Return what float32 leaves open of the exponent of a lobe as narrow as a texel.
+
+    The mean over a texel of side h is a lobe of sharpness 1 / (2 (sigma^2 + h^2 / 12)), at most
+    6 / h^2, and the exponent is a sum of products of that size, each rounded by 2^-24 of itself.
+    """
+    return 6 * (rows / math.pi) ** 2 * 2**-24
+
+
+@pytest.mark.slow
+def test_float32_is_near_to_float64_on_the_built_in_environment() -> None:
+    frames = {str(frame): built_in.environment(frame) for frame in (1001, 1030)}
+    given = {name: rounding.of_map(radiance) for name, radiance in frames.items()}
+    found = rounding.compared(given, "float64", "cpu")
+    rows = built_in.HEIGHT
+    for figures in found.values():
+        assert 0 < figures["shown"] < exponent_rounding(rows)
+        # a slope is what is left of derivatives that cancel but for a twentieth or so
+        assert 0 < figures["slope"] < 20 * exponent_rounding(rows)
+        assert 0 < figures["matrix"] < 20 * exponent_rounding(rows)
+        # J is a mean of norms of what is shown and wrong, which is a tenth of what is shown
+        assert 0 < figures["J"] < 10 * exponent_rounding(rows)
+        # the judge's sums of 10^4 texels in float32
+        assert figures["irr"] < 1e-3
+        assert figures["r0.5"] < 1e-3
+        # rounding may decide which split is kept, for an end as good: a tenth on real maps
+        for name in rounding.JUDGED:
+            ends = figures[f"fitted {name}"] / figures[f"fitted {name} float32"]
+            assert 0.7 < ends < 1.4, name
+
+
+def test_the_process_of_float64_computes_in_float64() -> None:
+    radiance = sky_and_sun(30.0, 16)
+    given = {"sky": rounding.of_map(radiance, lobes=3)}
+    fits = rounding.worked(given, "float64", "cpu")
+    looks = rounding.worked({"sky": given["sky"] | fits["sky"]}, "float64", "cpu")
+    for name in ("slope", "matrix", "shown"):
+        found = looks["sky"][name]
+        assert not np.array_equal(found, found.astype(np.float32)), name
+    slope = looks["sky"]["slope"]
+    assert slope.shape == (24,)
+    assert np.isfinite(slope).all()
+
+
+def test_differences_are_relative_to_the_exact_in_units_of_its_curvature() -> None:
+    exact = {
+        "cells": np.array([3, 4]),
+        "J": np.array(2.0),
+        "slope": np.array([2.0, 300.0]),
+        "matrix": np.diag([4.0, 1e4]),
+        "shown": np.ones((3, 2)),
+        "irr": np.array(0.01),
+        "r0.5": np.array(0.02),
+    }
+    found = exact | {
+        "J": np.array(2.5),
+        "slope": np.array([2.0 + 0.02, 300.0]),
+        "matrix": np.diag([4.0, 1.1e4]),
+        "shown": 1.5 * np.ones((3, 2)),
+        "irr": np.array(0.011),
+    }
+    apart = rounding.differences(found, exact)
+    assert apart["J"] == pytest.approx(0.25)
+    assert apart["slope"] == pytest.approx(0.01 / math.hypot(1, 3))  # (1, 3) in those units
+    assert apart["matrix"] == pytest.approx(0.1 / math.sqrt(2))
+    assert apart["shown"] == pytest.approx(0.5)
+    assert apart["irr"] == pytest.approx(0.1)
+    assert apart["r0.5"] == 0
+    others = rounding.differences(found | {"cells": np.array([3, 5])}, exact)
+    assert math.isnan(others["J"])
+    assert others["shown"] == pytest.approx(0.5)
+
+
+@pytest.mark.usefixtures("torch_steps")
+def test_lobes_are_looked_at_on_another_device() -> None:
+    lobes = KNOWN.to(torch.float64)
+    own = rounding.of_map(texels.texel_means(KNOWN, 16, 32).float())
+    arrays = {name: getattr(lobes, name).numpy() for name in ("axes", "sharpness", "amplitude")}
+    with watched():
+        there = worker.look(own | arrays, str(DEVICE))
+    here = worker.look(own | arrays, "cpu")
+    for name, found in there.items():
+        np.testing.assert_allclose(found, here[name], rtol=1e-5, atol=1e-7, err_msg=name)
+
+
+def test_no_cuda_is_said_in_one_line_and_no_maps_in_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_exr(tmp_path / "sky.exr", sky_and_sun(30.0, 16))
+    figures = dict.fromkeys((*rounding.LOOKS, *fitted()), 1e-5)
+    monkeypatch.setattr(rounding, "compared", lambda *_: {"sky": figures})
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert rounding.main(["--maps", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert out.splitlines()[-1] == "cuda: skipped: torch finds no CUDA device here"
+    assert "| sky | 1.0e-05 |" in out
+    for program in (rounding, ridge):
+        (tmp_path / "empty").mkdir(exist_ok=True)
+        with pytest.raises(SystemExit):
+            program.main(["--maps", str(tmp_path / "empty")])
+        assert "has no .exr; expected latlong OpenEXR files" in capsys.readouterr().err
+
+
+def fitted() -> list[str]:
+    return [f"fitted {name}{suffix}" for name in rounding.JUDGED for suffix in ("", " float32")]
+
+
+def test_stress_maps_are_repaired_and_have_light(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("speckled", "square", "all-nan", "black", "1024x2048", "one-sg")
+    monkeypatch.setattr(rounding, "CASES", [c for c in rounding.CASES if c.name in names])
+    maps = dict(rounding.stress_maps())
+    assert set(maps) == {"broken-speckled", "recovery-one-sg"}
+    assert (maps["broken-speckled"]["map"] >= 0).all()
+    assert np.isfinite(maps["broken-speckled"]["map"]).all()
+    assert str(maps["recovery-one-sg"]["form"]) == "sg"
+
+
+def test_the_ridge_leaves_lobes_apart_as_they_are() -> None:
+    name, apart, change, traded, _, flux = ridge.measured("sky", sky_and_sun(30.0, 64))
+    assert (name, apart + traded) == ("sky", 15)
+    assert apart > 0
+    # Between neighbours that amplify errors 20 times the Gram matrix of unit diagonal has an
+    # eigenvalue of 1 / 400. The ridge, 1e-5, keeps 4e-3 of what the last step does there, and that
+    # step changes an amplitude by less than a quarter.
+    assert change < 1e-3
+    assert flux < 1e-5
+
+
+def test_every_part_of_a_fit_is_found_and_counted(tmp_path: Path) -> None:
+    path = tmp_path / "sky.exr"
+    write_exr(path, sky_and_sun(30.0, 16))
+    for places in lean_path.PARTS.values():
+        for place in places:
+            owner, name = lean_path.owner_of(place)
+            assert callable(getattr(owner, name))
+    before = lean_path.owner_of("asglight.shots.tracks.simplified")
+    own = getattr(*before)
+    found = lean_path.taken([str(path), "--lobes", "2", "--preset", "live"])
+    assert getattr(*before) is own
+    assert found["fit of the frames"][0] == 1
+    assert 0 < found["fit of the frames"][1] < found[lean_path.WHOLE][1]
+    assert found[lean_path.OTHER][1] > 0
+    with pytest.raises(LookupError):
+        lean_path.owner_of("nowhere.at_all")
+    with pytest.raises(RuntimeError, match="ended with 2"):
+        lean_path.taken([str(tmp_path / "none.exr")])
+
+
+def test_the_table_of_parts_has_medians_and_shares() -> None:
+    parts = dict.fromkeys(lean_path.PARTS, (0, 0.0)) | {lean_path.OTHER: (1, 0.0)}
+    runs = [
+        parts | {lean_path.WHOLE: (1, whole), "repairs": (3, part)}
+        for whole, part in ((2.0, 0.1), (4.0, 0.5), (2.5, 0.2))
+    ]
+    lines = lean_path.table({"sky, fast": lean_path.middle(runs)}).splitlines()
+    assert lines[0] == "| part | sky, fast |"
+    assert "| repairs | 200.0 ms, 8.00 %, 3x |" in lines
+    assert "| preroll | – |" in lines
+
+
+def test_a_form_goes_to_the_process_and_back() -> None:
+    given = rounding.of_map(torch.ones(2, 4, 3), 2, Form.SG)
+    assert (str(given["form"]), int(given["lobes"]), given["map"].shape) == ("sg", 2, (2, 4, 3))

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`asglight view` and `viewer.py` as a user starts them: pictures, the check, every message."""
+
+import importlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import moderngl
+import numpy as np
+import OpenImageIO
+import pytest
+import torch
+from places import ROOT
+
+from asglight.cli.main import main
+from asglight.errors import InputError
+from asglight.images import write_exr
+from asglight.lobes import LobeTracks
+from asglight.usd import write_usd
+from asglight.viewer import app
+from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.io import saving
+
+
+@pytest.fixture
+def stage(two_lamps: LobeTracks, tmp_path: Path) -> Path:
+    path = tmp_path / "shot.usda"
+    write_usd(two_lamps, path)
+    return path
+
+
+def run_viewer(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run viewer.py from another folder, without a display."""
+    bare = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    return subprocess.run(
+        [sys.executable, ROOT / "viewer.py", *arguments],
+        capture_output=True,
+        text=True,
+        env=bare | environment,
+        cwd=ROOT.parent,
+        timeout=60,
+        check=False,
+    )
+
+
+def view(*arguments: str | Path) -> int:
+    """Run the viewer in this process and return its exit code."""
+    return main(["view", *map(str, arguments)])
+
+
+def failure(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+    """Run the viewer in this process, expect exit code 2, and return its one line."""
+    assert view(*arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("asglight: ")
+    return line.removeprefix("asglight: ")
+
+
+def lambert_ball(path: Path) -> np.ndarray:
+    """Return the last ball of a bare screenshot of 700 x 120 with margins of 8.  [H, W, 3]."""
+    pixels = OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT)
+    assert pixels is not None
+    assert pixels.shape == (120, 700, 3)
+    x, y, side = cells((684, 80), 6)[-1]
+    return pixels[8 + y : 8 + y + side, 8 + x : 8 + x + side]
+
+
+def lit_by(ball: np.ndarray, channel: int) -> np.ndarray:
+    """Return row and column of the centre of what one lamp lights."""
+    other = 1 - channel
+    return np.argwhere(ball[..., channel] - ball[..., other] > 0.2).mean(axis=0)
+
+
+@pytest.mark.usefixtures("opengl")
+def test_screenshot_shows_the_balls_lit_from_where_the_lamps_are(
+    stage: Path, tmp_path: Path
+) -> None:
+    size = ("--bare", "--size", "700x120")
+    result = run_viewer(stage, "--screenshot", tmp_path / "first.png", *size)
+    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+    assert view(stage, "--frame", "1004", "--screenshot", tmp_path / "last.png", *size) == 0
+    first, last = (lambert_ball(tmp_path / name) for name in ("first.png", "last.png"))
+    green, red = lit_by(first, 1), lit_by(first, 0)
+    assert green[0] < red[0] - 10  # above against below
+    assert green[1] > red[1] + 10  # right (+X, u = 1/4) against left (u = 3/4)
+    assert lit_by(last, 1)[1] < green[1] - 5  # at frame 1004 it comes from the front
+
+
+def test_everything_runs_on_opengl_4_1(
+    opengl: moderngl.Context, stage: Path, tmp_path: Path
+) -> None:
+    if "Mesa" not in opengl.info["GL_VERSION"]:
+        pytest.skip("only Mesa can be told to offer an older OpenGL")
+    old = {"MESA_GL_VERSION_OVERRIDE": "4.1FC", "MESA_GLSL_VERSION_OVERRIDE": "410"}
+    check = run_viewer("--check", **old)
+    assert (check.returncode, check.stderr) == (0, "")
+    assert check.stdout.startswith("OpenGL 4.1")
+    image = tmp_path / "sky.exr"
+    write_exr(image, torch.full((16, 32, 3), 0.25))
+    arguments = (stage, "--reference", image, "--size", "600x400")
+    new, again = tmp_path / "new.png", tmp_path / "old.png"
+    assert run_viewer(*arguments, "--screenshot", new).returncode == 0
+    assert run_viewer(*arguments, "--screenshot", again, **old).returncode == 0
+    pixels = [
+        OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.UINT8) for path in (new, again)
+    ]
+    assert pixels[0] is not None
+    # the reference's last samples depend on how many pictures were drawn
+    assert np.abs(pixels[0].astype(int) - pixels[1]).mean() < 0.5
+
+
+@pytest.mark.usefixtures("opengl")
+def test_screenshot_of_the_window_has_its_panels(stage: Path, tmp_path: Path) -> None:
+    assert view(stage, "--screenshot", tmp_path / "a.png", "--size", "1000x700") == 0
+    image = OpenImageIO.ImageBuf(str(tmp_path / "a.png"))
+    assert (image.spec().width, image.spec().height, image.spec().nchannels) == (1000, 700, 3)
+    pixels = image.get_pixels(OpenImageIO.FLOAT)
+    assert pixels is not None
+    # In each quarter of the window something is drawn: edges, in brightness.
+    edges = np.abs(np.diff(pixels.mean(-1), axis=1)) > 0.2
+    assert all(edges[y : y + 350, x : x + 499].sum() > 100 for y in (0, 350) for x in (0, 500))
+
+
+@pytest.mark.usefixtures("opengl")
+def test_check_names_the_renderer_and_every_pass() -> None:
+    result = run_viewer("--check")
+    opengl, *shaders = result.stdout.splitlines()
+    assert (result.returncode, result.stderr) == (0, "")
+    assert opengl.startswith("OpenGL 4.")
+    expected = sorted(path.name for path in (ROOT / "shaders").glob("*.frag"))
+    assert shaders == [f"shaders/{name}: ok" for name in expected]
+
+
+@pytest.mark.usefixtures("opengl")
+def test_check_reports_a_broken_shader_and_exits_1(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from asglight.viewer.gl import passes
+
+    monkeypatch.setattr(passes, "DEFINES", {**passes.DEFINES, "PI": 3})
+    assert view("--check") == 1
+    assert "shaders/lib/math.glsl:4: " in capsys.readouterr().out
+
+
+def test_old_opengl_is_named(opengl: moderngl.Context) -> None:
+    if "Mesa" not in opengl.info["GL_VERSION"]:
+        pytest.skip("only Mesa can be told to offer an older OpenGL")
+    result = run_viewer("--check", MESA_GL_VERSION_OVERRIDE="3.3")
+    assert result.returncode == 2
+    assert result.stderr.startswith("asglight: OpenGL: found OpenGL 3.3")
+    assert result.stderr.endswith("; expected 4.1 or later. Update the graphics driver.\n")
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="EGL is used on Linux only")
+def test_missing_opengl_names_the_packages() -> None:
+    result = run_viewer("--check", __EGL_VENDOR_LIBRARY_FILENAMES="/nowhere")
+    assert result.returncode == 2
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("asglight: OpenGL: ")
+    assert line.endswith("apt install libegl1 libgl1.")
+
+
+@pytest.mark.parametrize("package", ["moderngl", "imgui_bundle", "glfw", "PIL"])
+def test_missing_package_names_the_extra(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with (
+        pytest.raises(InputError, match=rf"{package} is not installed; .*'asglight\[view\]'$"),
+        app._explained_imports(),
+    ):
+        importlib.import_module(package)
+
+
+@pytest.mark.parametrize(
+    ("package", "arguments"), [("imgui_bundle", ["shot.usda"]), ("moderngl", ["--check"])]
+)
+def test_viewer_without_its_packages_exits_2_with_one_line(
+    stage: Path, package: str, arguments: list[str]
+) -> None:
+    code = (
+        f"import sys; sys.modules[{package!r}] = None; from asglight.cli.main import main; "
+        f"sys.exit(main(['view', *{arguments!r}]))"
+    )
+    command = [sys.executable, "-c", code]
+    result = subprocess.run(
+        command, capture_output=True, text=True, cwd=stage.parent, timeout=60, check=False
+    )
+    assert result.returncode == 2
+    (line,) = result.stderr.splitlines()
+    assert line.endswith(f"{package} is not installed; run: pip install 'asglight[view]'.")
+
+
+def test_missing_system_library_names_the_packages() -> None:
+    with (
+        pytest.raises(InputError, match=r"^viewer: libX11.* apt install libegl1 libgl1\.$"),
+        app._explained_imports(),
+    ):
+        raise ImportError("libX11.so.6: cannot open shared object file")
+
+
+def test_missing_module_of_our_own_is_a_bug_and_stays_one() -> None:
+    with pytest.raises(ModuleNotFoundError), app._explained_imports():
+        raise ModuleNotFoundError("no", name="asglight.nothing")
+
+
+def test_window_without_a_display_points_to_the_screenshot(stage: Path) -> None:
+    if not sys.platform.startswith("linux"):
+        pytest.skip("only on Linux is there no display where DISPLAY is unset")
+    result = run_viewer(stage)
+    assert result.returncode == 2
+    assert result.stderr.splitlines() == [
+        "asglight: window: no display; expected a desktop session. Use --screenshot, which needs "
+        "no display."
+    ]
+
+
+def test_missing_stage_file_is_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert "nowhere.usda" in failure(capsys, tmp_path / "nowhere.usda")
+
+
+def test_frame_that_is_not_in_the_stage_is_named_with_those_that_are(
+    capsys: pytest.CaptureFixture[str], stage: Path
+) -> None:
+    line = failure(capsys, stage, "--frame", "1003")
+    assert line.startswith("--frame 1003: not in shot.usda; ")
+    assert "(1001-1004, 3 frames)" in line
+
+
+def test_screenshot_must_be_a_png(capsys: pytest.CaptureFixture[str], stage: Path) -> None:
+    line = failure(capsys, stage, "--screenshot", "a.jpg")
+    assert line == "--screenshot a.jpg: not a PNG file; expected a name ending in .png."
+
+
+@pytest.mark.usefixtures("opengl")
+def test_screenshot_into_no_folder_is_named(
+    capsys: pytest.CaptureFixture[str], stage: Path, tmp_path: Path
+) -> None:
+    line = failure(capsys, stage, "--screenshot", tmp_path / "none" / "a.png")
+    assert f"a.png: cannot be written (no folder {tmp_path / 'none'}); expected a folder" in line
+
+
+@pytest.mark.usefixtures("opengl")
+def test_failed_screenshot_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = tmp_path / "a.png"
+    output.write_bytes(b"old")
+    pixels = np.zeros((2, 4, 3), np.uint8)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("asglight.images.output.os.replace", full)
+    with pytest.raises(InputError, match="No space left on device"):
+        saving.write_png(output, pixels)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+    assert output.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--size", "1024"), "'1024'; expected COLUMNSxROWS"),
+        (("--size", "0x5"), "'0x5'; expected sides of 1 to 16384 texels"),
+        (("--exposure-ev", "nan"), "'nan'; expected stops between -20 and 20"),
+        (("--exposure-ev", "bright"), "'bright'; expected stops between -20 and 20"),
+    ],
+)
+def test_unusable_option_is_explained(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str
+) -> None:
+    assert message in failure(capsys, "shot.usda", *arguments)
