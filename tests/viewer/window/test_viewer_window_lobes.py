@@ -345,7 +345,7 @@ def test_controls_show_what_a_lobe_is_and_keep_what_was_set(
         assert lamp_of(state.lobes[1]).radiance == pytest.approx(0.9, rel=1e-4)
         test.item_click("Lobes/azimuth", 1)  # the right button
         test.yield_(2)
-        fitted = lamp_of(state.fitted_lobes[1])
+        fitted = lamp_of(state.fitted_lobe(1))
         assert lamp_of(state.lobes[1]).azimuth == pytest.approx(fitted.azimuth, abs=1e-3)
 
     windows.drive(LobeTracks(two_lamps.frames, 24.0, lobes), script)
@@ -377,7 +377,7 @@ def test_the_history_shows_each_edit_and_goes_back_to_it(drive: Drive) -> None:
         state.history.add(scale_amplitude(0, None, 1.0))
         state.toggle_mute(1)
         state.history.add(scale_amplitude(1, Span.at(2), 1.0, (1.0, 0.5, 1.0)))
-        assert [edit.what for edit in state.history.steps] == [
+        assert [edit.what for step in state.history.steps for edit in step] == [
             "intensity +1.00 EV",
             "mute on or off",
             "colour",
