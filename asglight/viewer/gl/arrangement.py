@@ -30,6 +30,34 @@ class Cell(NamedTuple):
     size: int
 
 
+class Strip(NamedTuple):
+    """The rows of a picture that one row of balls takes.
+
+    Attributes:
+        top: First row.
+        rows: How many.
+    """
+
+    top: int
+    rows: int
+
+
+def strip(rows: int, *, is_paired: bool) -> Strip:
+    """Return where balls are drawn that are not shown one above the other.
+
+    Where there are two to compare it is half of the picture, as of each of two above each other:
+    balls stay as large and where they are, sideways, whatever is shown of both.
+
+    Args:
+        rows: Rows of the picture.
+        is_paired: Whether there is a reference.
+    """
+    if not is_paired:
+        return Strip(0, rows)
+    half = max(1, rows // 2)
+    return Strip((rows - half) // 2, half)
+
+
 def cells(size: tuple[int, int], count: int) -> list[Cell]:
     """Arrange balls in rows of equal length, as large as they fit, centred.
 
@@ -51,6 +79,31 @@ def cells(size: tuple[int, int], count: int) -> list[Cell]:
         Cell(left + place % columns * pitch, top + place // columns * pitch, ball)
         for place in range(count)
     ]
+
+
+def drawn_areas(
+    size: tuple[int, int], count: int, area: tuple[int, int, int, int]
+) -> list[tuple[int, int, int, int]]:
+    """Return the parts of an area that hold balls when a picture is stretched over it.
+
+    Args:
+        size: Columns and rows of the picture.
+        count: How many balls it has.
+        area: x, y, columns and rows.
+
+    Returns:
+        x, y, columns and rows of each, with room for a texel that is filtered.
+    """
+    x, y, columns, rows = area
+    across, down = columns / size[0], rows / size[1]
+    found = []
+    for cell in cells(size, count):
+        left = max(math.floor((cell.x - 1) * across), 0)
+        top = max(math.floor((cell.y - 1) * down), 0)
+        right = min(math.ceil((cell.x + cell.size + 1) * across), columns)
+        bottom = min(math.ceil((cell.y + cell.size + 1) * down), rows)
+        found.append((x + left, y + top, right - left, bottom - top))
+    return found
 
 
 class Hit(NamedTuple):

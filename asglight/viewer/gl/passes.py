@@ -7,7 +7,7 @@ gives the image's rows from the top.
 Symbols: N lobes; H, W rows and columns of a target, sizes written (W, H) as OpenGL does.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import moderngl
@@ -23,8 +23,9 @@ from asglight.viewer.uniforms.shader_defines import DEFINES, SURROUND
 STOPS_SCALE = "viridis"
 """matplotlib's name of the false-colour scale: even steps, also for colour-blind eyes."""
 
-DIVERGING_SCALE = "RdBu_r"
-"""matplotlib's name of the scale of differences: white where equal, red where the fit is larger."""
+DIVERGING_SCALE = "berlin"
+"""matplotlib's name of the scale of differences: dark where equal, red where the fit is larger, blue
+where the reference is; a picture of small differences does not glare."""
 
 _NO_SCALE = "none"
 
@@ -35,6 +36,9 @@ _DISPLAY_TEXTURES = (
     "u_reference",
     "u_reference_background",
 )
+
+Area = tuple[int, int, int, int]
+"""x, y, columns and rows of a part of a target; row 0 is the top."""
 
 _HEADER = np.dtype([("count", "<i4"), ("form", "<i4"), ("padding", "<i4", 2)])
 _LOBE = np.dtype(
@@ -169,7 +173,7 @@ class DisplayPass:
     def __init__(self, context: moderngl.Context) -> None:
         """Prepare the pass; a program is compiled when a view first needs it."""
         self._context = context
-        self._triangles: dict[tuple[bool, ViewTransform], moderngl.VertexArray] = {}
+        self._triangles: dict[tuple[tuple[str, int], ...], moderngl.VertexArray] = {}
         self._scales: dict[str, moderngl.Texture] = {}
 
     def draw(
@@ -182,7 +186,8 @@ class DisplayPass:
         *,
         gain_ev: float = 0.0,
         wipe: float = 0.5,
-        area: tuple[int, int, int, int] | None = None,
+        area: Area | None = None,
+        within: Sequence[Area] | None = None,
     ) -> None:
         """Draw one picture, or two compared, into a display target.
 
@@ -194,14 +199,17 @@ class DisplayPass:
             target: A display target.
             gain_ev: Stops added to the exposure: the environment's intensity.
             wipe: Share of the columns left of the wipe.
-            area: x, y, columns and rows of the target to fill; row 0 is the top. All by default.
+            area: Where in the target the picture lies; all of it by default.
+            within: The parts of the area to draw: where there is no ball nothing needs to be; all
+                of it by default.
         """
         compares = comparison in (Comparison.WIPE, Comparison.DIFFERENCE, Comparison.RATIO)
         first = reference if comparison is Comparison.REFERENCE else fit
         assert first is not None
         pictures = [first]
+        area = area or (0, 0, *target.size)
         values: dict[str, Any] = {
-            "u_area": tuple(map(float, area or (0, 0, *target.size))),
+            "u_area": tuple(map(float, area)),
             "u_exposure_ev": display.exposure_ev + gain_ev,
             "u_channel": shader_files.enum_number(display.channel),
             "u_zebra": display.zebra,
@@ -210,8 +218,7 @@ class DisplayPass:
             assert reference is not None
             pictures.append(reference)
             values |= {"u_comparison": shader_files.enum_number(comparison), "u_wipe": wipe}
-        values["u_has_background"] = all(picture.background for picture in pictures)
-        triangle = self._triangle(compares, display.transform)
+        triangle = self._triangle(_special(pictures, display.transform, area))
         self._scale(_scale_name(display, comparison)).use(location=0)
         for unit, picture in enumerate(pictures):
             picture.front.use(location=2 * unit + 1)
@@ -220,20 +227,19 @@ class DisplayPass:
         for name, value in values.items():
             if name in triangle.program:  # a view leaves out what it has no use for
                 triangle.program[name] = value
-        cover(self._context, triangle, target, area)
+        for part in (area,) if within is None else within:
+            cover(self._context, triangle, target, part)
 
-    def _triangle(self, compares: bool, transform: ViewTransform) -> moderngl.VertexArray:
+    def _triangle(self, special: dict[str, int]) -> moderngl.VertexArray:
         """Return the program of a view, with what it draws; compile it if it is new."""
-        key = compares, transform
+        key = tuple(special.items())
         if key not in self._triangles:
-            special = {"TRANSFORM": shader_files.enum_number(transform)}
-            if compares:
-                special["COMPARES"] = 1
             program = pass_program(self._context, "display.frag", special)
             for unit, name in enumerate(_DISPLAY_TEXTURES):
                 if name in program:
                     program[name] = unit
-            program["u_surround"] = SURROUND
+            if "u_surround" in program:  # a background leaves no room for it
+                program["u_surround"] = SURROUND
             self._triangles[key] = self._context.vertex_array(program, [])
         return self._triangles[key]
 
@@ -256,6 +262,21 @@ def scale_colours(name: str) -> np.ndarray:
     return matplotlib.colormaps[name](np.arange(256), bytes=True)[:, :3].copy()
 
 
+def _special(pictures: Sequence[Picture], transform: ViewTransform, area: Area) -> dict[str, int]:
+    """Return what a program of shaders/display.frag is compiled for."""
+    special = {"TRANSFORM": shader_files.enum_number(transform)}
+    if len(pictures) > 1:
+        special["COMPARES"] = 1
+    layers = [picture.front for picture in pictures]
+    backgrounds = [picture.background for picture in pictures if picture.background is not None]
+    if len(backgrounds) == len(pictures):
+        special["BACKGROUND"] = 1
+        layers += backgrounds
+    if all(layer.size == area[2:] for layer in layers):
+        special["EXACT"] = 1
+    return special
+
+
 def _scale_name(display: Display, comparison: Comparison) -> str:
     if comparison in (Comparison.DIFFERENCE, Comparison.RATIO):
         return DIVERGING_SCALE
@@ -266,7 +287,7 @@ def cover(
     context: moderngl.Context,
     triangle: moderngl.VertexArray,
     target: moderngl.Framebuffer,
-    area: tuple[int, int, int, int] | None = None,
+    area: Area | None = None,
 ) -> None:
     """Draw over a target or an area of it, whatever state the last user of the context left."""
     target.use()

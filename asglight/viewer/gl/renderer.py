@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from asglight.viewer.gl.albedo_table import albedo_table
-from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.gl.arrangement import cells, drawn_areas, strip
 from asglight.viewer.gl.compare import ball_errors
 from asglight.viewer.gl.draft import Draft, Stopwatch
 from asglight.viewer.gl.layers import (
@@ -22,6 +22,7 @@ from asglight.viewer.gl.layers import (
     lobes_key,
 )
 from asglight.viewer.gl.passes import (
+    Area,
     BackgroundPass,
     DisplayPass,
     Picture,
@@ -31,6 +32,7 @@ from asglight.viewer.gl.passes import (
 from asglight.viewer.state.display import Comparison, Subject
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.uniforms.shader_defines import SURROUND
 
 
 @dataclass
@@ -56,6 +58,7 @@ class Renderer:
         self._closed_form = ClosedForm(context, self._albedo_table)
         self._lobes_map = LobesMap(context)
         self._reference_map = ReferenceMap(context)
+        self._lit_map = ReferenceMap(context)
         self._display = DisplayPass(context)
         self._blank = context.texture((1, 1), 4, bytes(16), dtype="f4")
         background_pass = BackgroundPass(context)
@@ -91,7 +94,7 @@ class Renderer:
         Returns:
             Its target, sRGB.
         """
-        rows = max(1, size[1] // 2) if state.shown is Comparison.ROWS else size[1]
+        rows = strip(size[1], is_paired=state.is_paired).rows
         if not self._wants_draft(state):
             self._last = self._pair(state, (size[0], rows))
         else:
@@ -138,7 +141,7 @@ class Renderer:
 
         Args:
             x: Share of the columns, from the left.
-            y: Share of the rows of one row of balls, from the top.
+            y: Share of the rows of the strip of balls, from the top.
 
         Returns:
             Linear RGB each, without the environment's intensity; None where there is no ball.
@@ -199,18 +202,20 @@ class Renderer:
         shown = state.shown
         if reference is None:
             reference = np.zeros_like(fit)
+        at = round(state.compared.wipe * fit.shape[1])
         if shown is Comparison.ROWS:
             picture = np.concatenate([fit, reference])
-        elif shown is Comparison.WIPE:
-            at = round(state.compared.wipe * fit.shape[1])
-            picture = np.concatenate([fit[:, :at], reference[:, at:]], axis=1)
         else:
-            picture = {
+            single = {
                 Comparison.FIT: fit,
                 Comparison.REFERENCE: reference,
+                Comparison.WIPE: np.concatenate([fit[:, :at], reference[:, at:]], axis=1),
                 Comparison.DIFFERENCE: fit - reference,
                 Comparison.RATIO: fit / np.maximum(reference, np.finfo(np.float32).tiny),
             }[shown]
+            top, rows = strip(self.shown_balls.height, is_paired=state.is_paired)
+            picture = np.zeros((self.shown_balls.height, *single.shape[1:]), np.float32)
+            picture[top : top + rows] = single
         return picture * np.float32(2.0**state.environment.intensity_ev)
 
     def _pair(self, state: ViewerState, size: tuple[int, int]) -> tuple[Picture, Picture | None]:
@@ -249,7 +254,8 @@ class Renderer:
             image = self._lobes_image[1]
             name = "lobes", key
         layer = self._integrals[of_lobes]
-        layer.draw(state, image, name, size)
+        latlong = self._lit_map if of_lobes else self._reference_map
+        layer.draw(state, image, latlong, name, size)
         self.reference_progress = min(self.reference_progress, layer.progress)
         return layer.texture
 
@@ -299,14 +305,20 @@ class Renderer:
         if not shown.needs(key, size):
             return shown.target
         columns, rows = size
-        parts: list[tuple[Comparison, tuple[int, int, int, int] | None]] = [(comparison, None)]
+        parts: list[tuple[Comparison, Area]] = [(comparison, (0, 0, columns, rows))]
         if comparison is Comparison.ROWS:
             half = rows // 2
             parts = [
                 (Comparison.FIT, (0, 0, columns, half)),
-                (Comparison.REFERENCE, (0, half, columns, rows - half)),
+                (Comparison.REFERENCE, (0, half, columns, half)),
             ]
+        elif name == "balls":
+            top, height = strip(rows, is_paired=state.is_paired)
+            parts = [(comparison, (0, top, columns, height))]
+        is_sparse = name == "balls" and fit.background is None
+        shown.target.clear(*SURROUND)
         for part, area in parts:
+            within = drawn_areas(fit.front.size, len(state.balls), area) if is_sparse else None
             self._display.draw(
                 fit,
                 reference,
@@ -316,6 +328,7 @@ class Renderer:
                 gain_ev=state.environment.intensity_ev,
                 wipe=wipe,
                 area=area,
+                within=within,
             )
         self.displayed += 1
         return shown.target

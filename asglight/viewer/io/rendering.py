@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from asglight.errors import InputError
 from asglight.images.exr_writer import write_exr
-from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.gl.arrangement import cells, strip
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.io.film import Film
 from asglight.viewer.io.saving import display_pixels, write_png
@@ -132,14 +132,14 @@ def labelled(pixels: np.ndarray, session: Session) -> np.ndarray:
     draw = ImageDraw.Draw(image)
     height, width = pixels.shape[:2]
     is_rows = state.shown is Comparison.ROWS
-    rows = height // 2 if is_rows else height
+    first, rows = strip(height, is_paired=state.is_paired)
     arrangement = cells((width, rows), len(state.balls))
     font = ImageFont.load_default(max(10, round(height / 45)))
 
     def write(place: tuple[float, float], text: str, anchor: str) -> None:
         draw.text(place, text, "white", font, anchor, stroke_width=1, stroke_fill="black")
 
-    for top in (0, rows) if is_rows else (0,):
+    for top in (0, rows) if is_rows else (first,):
         for cell, ball in zip(arrangement, state.balls, strict=True):
             below = min(top + cell.y + cell.size + 2, top + rows - font.size - 4)
             write((cell.x + cell.size / 2, below), ball.name, "ma")

@@ -3,7 +3,7 @@
 
 from imgui_bundle import ImVec2, imgui
 
-from asglight.viewer.gl.arrangement import Cell, cells, hit
+from asglight.viewer.gl.arrangement import Cell, cells, hit, strip
 from asglight.viewer.gl.inspecting import inspect
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.panels import legend, widgets
@@ -75,9 +75,9 @@ def _probe(state: ViewerState, points: tuple[int, int], pointer: tuple[float, fl
     """Read the ball under the pointer from now on; beside the balls the last one stays."""
     x, y = pointer
     columns, rows = points
-    if state.shown is Comparison.ROWS:
-        rows //= 2
-        y %= rows
+    top, strip_rows = strip(rows, is_paired=state.is_paired)
+    y = y % strip_rows if state.shown is Comparison.ROWS else y - top
+    rows = strip_rows
     if hit(cells((columns, rows), len(state.balls)), x, y) is not None:
         state.probe = Probe("balls", x / columns, y / rows)
 
@@ -103,7 +103,10 @@ def _labels(
         widgets.label_over(left, top, fit)
         widgets.label_over(left, top + half, f"{reference}{_progress(renderer)}")
         return
-    _ball_labels(state, points, origin, errors)
+    strip_top, strip_rows = strip(points[1], is_paired=state.is_paired)
+    of_strip = ImVec2(origin.x, origin.y + strip_top)
+    _ball_labels(state, (points[0], strip_rows), of_strip, errors)
+    top += strip_top
     if shown is Comparison.FIT:
         widgets.label_over(left, top, fit)
     elif shown is Comparison.REFERENCE:

@@ -95,20 +95,22 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     end = ImVec2(origin.x + points[0], origin.y + points[1])
     draw.push_clip_rect(origin, end, True)
     lit, selected = state.lit, state.selected
-    every = _outlines(Held(state.lobes))
-    for index in state.history.present:
-        outline, is_selected = every[index], index in selected
-        if state.outlines is Outlines.NONE or (
-            state.outlines is Outlines.SELECTED and not is_selected
-        ):
-            continue
+    present = state.history.present
+    wanted = {
+        Outlines.ALL: present,
+        Outlines.SELECTED: tuple(index for index in present if index in selected),
+        Outlines.NONE: (),
+    }[state.outlines]
+    drawn = _curves(Held(state.lobes)) if state.outlines is Outlines.ALL else []
+    for index in wanted:
+        is_selected = index in selected
         shade = widgets.ACCENT if is_selected else widgets.FAINT
         colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
-        for line in outline.curves:
+        outline = _outline(Held(state.lobes), index) if is_selected else None
+        for line in outline.curves if outline else drawn[index]:
             _polyline(draw, line, origin, points, colour, 2.0 if is_selected else 1.0)
-        if is_selected:
-            for line in (*outline.arm_x, *outline.arm_y):
-                _polyline(draw, line, origin, points, colour, 1.0)
+        for line in (*outline.arm_x, *outline.arm_y) if outline else ():
+            _polyline(draw, line, origin, points, colour, 1.0)
         u, v = latlong.uv_from_direction(state.lobes.axis_z[index])
         centre = ImVec2(origin.x + float(u) * points[0], origin.y + float(v) * points[1])
         draw.add_circle_filled(centre, 3.0 if is_selected else 2.0, colour)
@@ -116,9 +118,15 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
 
 
 @lru_cache(maxsize=2)
-def _outlines(lobes: Held[Lobes]) -> list[outlines.Outline]:
-    """Return the outlines of a frame; a thousandth of a second each, so that they are kept."""
-    return outlines.outlines(lobes.value)
+def _curves(lobes: Held[Lobes]) -> list[outlines.Polylines]:
+    """Return the outlines of a frame; they take milliseconds, so that they are kept."""
+    return outlines.curves(lobes.value)
+
+
+@lru_cache(maxsize=32)
+def _outline(lobes: Held[Lobes], index: int) -> outlines.Outline:
+    """Return the outline of one lobe, with its arms."""
+    return outlines.outlines(lobes.value.select(torch.tensor([index])))[0]
 
 
 def _polyline(

@@ -275,6 +275,11 @@ class ViewerState:
         return self.is_dragging or self.playback.is_playing
 
     @property
+    def is_paired(self) -> bool:
+        """Whether there is a reference to compare with."""
+        return self.references is not None
+
+    @property
     def shown(self) -> Comparison:
         """What the balls show: without a reference the fit, without any lobe the reference."""
         return self._shown(self.compared)

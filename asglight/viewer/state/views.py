@@ -117,7 +117,7 @@ class Probe:
     Attributes:
         place: The map, or the balls.
         x: Share of the picture's columns from the left.
-        y: Share of its rows from the top; of one row of balls.
+        y: Share of its rows from the top; of the strip of balls (gl/arrangement.py).
     """
 
     place: Literal["map", "balls"]
