@@ -347,7 +347,7 @@ class Window:
 
     def _ask_for_file(self, request: Request) -> None:
         """Let a file be named, by the system where it can; it knows no sequences to open."""
-        if request is Request.OPEN or not native.has_dialog():
+        if request in (Request.OPEN, Request.OPEN_AGAINST) or not native.has_dialog():
             self.documents.browse(request)
         else:
             self._dialog = request, native.save_dialog(request, *self.documents.proposed(request))

@@ -25,7 +25,7 @@ def inspect(state: ViewerState, renderer: Renderer, size: tuple[int, int]) -> No
         state.inspected = inspect_map(state, probe.x, probe.y)
         return
     columns, rows = size
-    rows = strip(rows, is_paired=state.is_paired).rows
+    rows = strip(rows, state.parts).rows
     found = hit(cells((columns, rows), len(state.balls)), probe.x * columns, probe.y * rows)
     if found is None:  # the balls lie elsewhere now
         state.inspected = state.probe = None

@@ -66,7 +66,7 @@ class Browser:
     @property
     def is_saving(self) -> bool:
         """Whether a file is to be written."""
-        return self.request is not Request.OPEN
+        return self.request not in (Request.OPEN, Request.OPEN_AGAINST)
 
     @property
     def target(self) -> Path:

@@ -5,6 +5,7 @@ No window and no OpenGL: whatever has to be asked stands in `question` and `brow
 draw and answer.
 """
 
+import contextlib
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from asglight.viewer.io.saving import (
     write_png,
 )
 from asglight.viewer.reference.images import Reference, open_reference, whole_sequence
+from asglight.viewer.state.compared.against import Against
 from asglight.viewer.state.edits.history import Step
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.viewer_state import ViewerState
@@ -176,6 +178,23 @@ class Documents:
             lambda: self._take_over(path, session),
             cancel=session.close,
         )
+
+    def open_against(self, path: str) -> None:
+        """Hold the fit of another stage against this one; what goes wrong becomes the message."""
+        try:
+            session = self._opener(path)
+            if session is None:
+                raise InputError(
+                    f"{shown(Path(path).name)}: images; expected a stage to be B. To compare with "
+                    "images, open them."
+                )
+            with contextlib.closing(session):
+                tracks = session.state.history.lit_tracks
+                self.state.compare_against(Against(session.title, tracks))
+        except InputError as error:
+            self.state.message = str(error)
+            return
+        self.state.message = f"B is {session.title}."
 
     def save(self, request: Request, path: Path, pixels: np.ndarray | None = None) -> None:
         """Save what is asked for; what came of it becomes the message.

@@ -28,10 +28,12 @@ trembles by a few points, with a pen by more."""
 
 def latlong_map(state: ViewerState, renderer: Renderer) -> None:
     """Draw the map as large as it fits at two to one, and let lobes be clicked and dragged."""
-    if state.references is not None:
+    if state.subjects:
         imgui.set_next_item_width(widgets.em(9))
         state.map_view.comparison = widgets.choice(
-            "##map_view", state.map_view.comparison, "What the map shows of fit and reference."
+            "##map_view",
+            state.map_view.comparison,
+            "What the map shows of fit and reference, or of A and B.",
         )
         imgui.same_line()
     imgui.set_next_item_width(widgets.em(9))

@@ -57,6 +57,8 @@ def _file(documents: Documents) -> None:
     if not imgui.begin_menu("File"):
         return
     _item(state, "Open", "Open...")
+    _item(state, "Open another stage as B", "Open another stage as B...")
+    _item(state, "End A and B", is_enabled=state.against is not None)
     if imgui.begin_menu("Recent", bool(documents.recent)):
         for path in list(documents.recent):
             # A label ends before `##`; `%04d` says the same.

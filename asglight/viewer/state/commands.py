@@ -85,10 +85,13 @@ def _meter(state: ViewerState) -> None:
 
 
 def _next_comparison(state: ViewerState) -> None:
-    if state.references is not None:
+    if state.subjects:
         state.compared.comparison = _following(state.compared.comparison)
     else:
-        state.message = "Nothing to compare with. Drop an HDR image or sequence on the window."
+        state.message = (
+            "Nothing to compare with. Drop an HDR image or sequence on the window, or open "
+            "another stage as B."
+        )
 
 
 def _next_outlines(state: ViewerState) -> None:
@@ -96,8 +99,10 @@ def _next_outlines(state: ViewerState) -> None:
 
 
 def _next_subject(state: ViewerState) -> None:
-    if state.references is not None:
-        state.compared.subject = _following(state.compared.subject)
+    subjects = state.subjects
+    if subjects:
+        place = subjects.index(state.subject) + 1
+        state.compared.subject = subjects[place % len(subjects)]
 
 
 def _next_material(state: ViewerState) -> None:
@@ -220,7 +225,9 @@ COMMANDS = (
     ),
     Command("Look", "V", "Camera and environment at rest", lambda s: s.camera.reset()),
     Command("Compare", "R", "Next comparison", _next_comparison),
-    Command("Compare", "Shift+R", "Overall, fit only or shading only", _next_subject),
+    Command("Compare", "Shift+R", "Overall, fit only, shading only or A and B", _next_subject),
+    Command("Compare", "Ctrl+B", "Open another stage as B", _request(Request.OPEN_AGAINST)),
+    Command("Compare", "Shift+B", "End A and B", lambda s: s.compare_against(None)),
     Command("Lobes", "S", "Solo the selected lobe", _of_selected(ViewerState.toggle_solo)),
     Command("Lobes", "X", "Mute the selected lobe", _of_selected(_toggle_mute)),
     Command("Lobes", "N", "Add a lobe at the pointer", _add_lobe),

@@ -13,12 +13,14 @@ from asglight.lobes import Form, Lobes, LobeTracks, asg, flat
 from asglight.viewer.reference.images import Reference
 from asglight.viewer.state.balls import WHITE, Ball, Material, Rgb, ball_row
 from asglight.viewer.state.camera import Camera
+from asglight.viewer.state.compared.against import Against
 from asglight.viewer.state.display import (
     EXPOSURE_EV_STEP,
     LUMINANCE,
     MIDDLE_GREY,
     Comparison,
     Display,
+    Subject,
 )
 from asglight.viewer.state.edits import editing
 from asglight.viewer.state.edits.editing import Editing, Moment
@@ -55,6 +57,20 @@ def lobes_max(form: Form) -> int:
     return SHEETS_MAX // len(flat.TERMS) if form is Form.FLAT else MAX_LOBES
 
 
+def check_count(tracks: LobeTracks) -> None:
+    """Refuse more lobes than there is room for.
+
+    Raises:
+        InputError: There are more lobes than `lobes_max`.
+    """
+    most = lobes_max(tracks.lobes.form)
+    if tracks.lobes.count > most:
+        raise InputError(
+            f"tracks: {tracks.lobes.count} lobes; expected at most {most}, which is "
+            "what the viewer holds. Fit fewer with --lobes."
+        )
+
+
 class ViewerState:
     """A session of the viewer.
 
@@ -63,6 +79,7 @@ class ViewerState:
         playback: The playhead.
         span: The part of the shot that the timeline shows.
         references: Images of the same frames to compare with, or None.
+        against: Another fit to compare with, or None.
         display: How radiance is shown.
         camera: Where the balls are seen from.
         environment: What is around them.
@@ -128,6 +145,7 @@ class ViewerState:
         self.is_fitting = False
         self.requests: list[Request] = []
         self.references: Reference | None = None
+        self.against: Against | None = None
         self.open(tracks, references, muted)
 
     def open(
@@ -146,12 +164,7 @@ class ViewerState:
         Raises:
             InputError: There are more lobes than `lobes_max`.
         """
-        most = lobes_max(tracks.lobes.form)
-        if tracks.lobes.count > most:
-            raise InputError(
-                f"tracks: {tracks.lobes.count} lobes; expected at most {most}, which is "
-                "what the viewer holds. Fit fewer with --lobes."
-            )
+        check_count(tracks)
         self.history = EditHistory(tracks, muted)
         self.playback = Playback(tracks.frames, tracks.fps)
         self.span = TimeSpan(tracks.frames[0], tracks.frames[-1] + 1)
@@ -163,8 +176,25 @@ class ViewerState:
         if self.references is not None:
             self.references.close()
         self.references = references
-        self.compared.comparison = Comparison.ROWS if references else Comparison.FIT
-        self.map_view.comparison = Comparison.REFERENCE if references else Comparison.FIT
+        self.compared.comparison = Comparison.ROWS if self.subjects else Comparison.FIT
+        self.map_view.comparison = self._map_at_first()
+
+    def compare_against(self, against: Against | None) -> None:
+        """Hold another fit against this one, or none any more.
+
+        Raises:
+            InputError: It has more lobes than `lobes_max`.
+        """
+        if against is not None:
+            check_count(against.tracks)
+            self.compared.subject = Subject.AGAINST
+        self.against = against
+        has_two = bool(self.subjects)
+        self.compared.comparison = Comparison.ROWS if has_two else Comparison.FIT
+        self.map_view.comparison = Comparison.WIPE if against is not None else self._map_at_first()
+
+    def _map_at_first(self) -> Comparison:
+        return Comparison.REFERENCE if self.references else Comparison.FIT
 
     def replace_tracks(self, tracks: LobeTracks) -> None:
         """Take over newer lobes, with the edits that were made to the older ones."""
@@ -275,9 +305,23 @@ class ViewerState:
         return self.is_dragging or self.playback.is_playing
 
     @property
-    def is_paired(self) -> bool:
-        """Whether there is a reference to compare with."""
-        return self.references is not None
+    def subject(self) -> Subject:
+        """What counts as fit and as reference: of what there is to compare."""
+        wanted = self.compared.subject
+        return wanted if wanted in self.subjects else next(iter(self.subjects), Subject.TOTAL)
+
+    @property
+    def subjects(self) -> tuple[Subject, ...]:
+        """What can be compared."""
+        of_images = (Subject.TOTAL, Subject.FIT, Subject.SHADING) if self.references else ()
+        return (*of_images, Subject.AGAINST) if self.against else of_images
+
+    @property
+    def parts(self) -> int:
+        """How many rows of balls there are where all are shown one above the other."""
+        if self.subject is Subject.AGAINST:
+            return 3 if self.references else 2
+        return 2 if self.references else 1
 
     @property
     def shown(self) -> Comparison:
@@ -285,19 +329,14 @@ class ViewerState:
         return self._shown(self.compared)
 
     @property
-    def rows(self) -> int:
-        """How many rows of balls the picture has, one above the other."""
-        return 2 if self.shown is Comparison.ROWS else 1
-
-    @property
     def shown_map(self) -> Comparison:
         """What the map shows of them."""
         return self._shown(self.map_view)
 
     def _shown(self, compared: Compared) -> Comparison:
-        if self.references is None:
+        if not self.subjects:
             return Comparison.FIT
-        return compared.shown if self.tracks.lobes.count else Comparison.REFERENCE
+        return compared.shown if self.against or self.tracks.lobes.count else Comparison.REFERENCE
 
     @property
     def reference_image(self) -> np.ndarray | None:

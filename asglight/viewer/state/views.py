@@ -14,6 +14,7 @@ class Request(Enum):
     """What only the window can do; it empties the list after every picture."""
 
     OPEN = auto()
+    OPEN_AGAINST = auto()
     SAVE_EDITS = auto()
     SAVE_PICTURE = auto()
     RENDER = auto()

@@ -7,8 +7,9 @@ A mirror shows at a point of the ball what lies in the reflected direction; the 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from asglight.viewer.gl.arrangement import cells, hit, mirroring
+from asglight.viewer.gl.arrangement import cells, hit, mirroring, strip
 from asglight.viewer.panels import widgets
+from asglight.viewer.state.display import Comparison
 from asglight.viewer.state.viewer_state import ViewerState
 
 _RING_EM = 0.45
@@ -49,8 +50,10 @@ def _aim(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     if state.playback.is_between or not state.editing.reaches(state.moment):
         state.message = "A highlight is put in a frame that the edit reaches, not between frames."
         return
-    mouse, rows = imgui.get_mouse_pos(), max(1, points[1] // state.rows)
-    x, y = mouse.x - origin.x, (mouse.y - origin.y) % rows
+    mouse = imgui.get_mouse_pos()
+    tops, rows = _strips(state, points[1])
+    x, y = mouse.x - origin.x, mouse.y - origin.y
+    y -= max((top for top in tops if top <= y), default=tops[0])
     found = hit(cells((points[0], rows), len(state.balls)), x, y)
     if found is None:  # beside the balls: the light stays where it was last
         return
@@ -67,10 +70,18 @@ def _rings(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     normal = mirroring(state.camera.from_environment() @ axis)
     if normal is None:
         return
-    rows = max(1, points[1] // state.rows)
-    for row in range(state.rows):
+    tops, rows = _strips(state, points[1])
+    for top in tops:
         for cell in cells((points[0], rows), len(state.balls)):
             x = origin.x + cell.x + (1 + normal[0]) / 2 * cell.size
-            y = origin.y + row * rows + cell.y + (1 - normal[1]) / 2 * cell.size
+            y = origin.y + top + cell.y + (1 - normal[1]) / 2 * cell.size
             colour = widgets.colour(widgets.ACCENT)
             draw.add_circle(ImVec2(x, y), widgets.em(_RING_EM), colour, 0, 2.0)
+
+
+def _strips(state: ViewerState, rows: int) -> tuple[list[int], int]:
+    """Return where the rows of balls begin, and how high each is."""
+    top, each = strip(rows, state.parts)
+    if state.shown is not Comparison.ROWS:
+        return [top], each
+    return [part * each for part in range(state.parts)], each
