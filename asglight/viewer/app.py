@@ -17,7 +17,7 @@ from asglight.viewer.state.session import Session
 if TYPE_CHECKING:
     from asglight.viewer.io.wanted import Wanted
 
-_EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL", "imageio_ffmpeg"}
+_EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL", "imageio_ffmpeg", "filelock"}
 """Packages that only the viewer needs."""
 
 
