@@ -130,7 +130,7 @@ def test_every_command_runs_on_any_state(two_lamps: LobeTracks, entry: object) -
         (
             "Next comparison",
             "Nothing to compare with. Drop an HDR image or sequence on the window, or open "
-                "another stage as B.",
+            "another stage as B.",
         ),
         ("Solo the selected lobe", "No lobe is selected. Click one in the map or in the list."),
         ("Mute the selected lobe", "No lobe is selected. Click one in the map or in the list."),
