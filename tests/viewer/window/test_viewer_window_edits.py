@@ -214,7 +214,10 @@ def test_a_lobe_is_renamed_in_the_list(drive: Drive) -> None:
         test.yield_(2)
         assert state.lobe_names[1] == "window ## left"
         assert state.renaming is None
-        test.item_double_click("**/lobe_00")
+        io = imgui.get_io()  # a loaded machine draws slowly
+        io.mouse_single_click_delay, io.mouse_double_click_time = 11.0, 10.0
+        test.mouse_move("**/lobe_00")
+        test.mouse_double_click(0)
         test.yield_(3)
         assert state.renaming is not None
         test.key_chars("other")

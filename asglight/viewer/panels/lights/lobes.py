@@ -122,10 +122,11 @@ def _name(state: ViewerState, lobe: int, order: list[int]) -> None:
     is_renamed = stage_name != shown
     # A label ends before `##`, and a name may hold any text.
     label = f"{shown.replace('##', '# #')}###{stage_name}" if is_renamed else stage_name
-    flags = int(imgui.SelectableFlags_.allow_double_click)
-    clicked, _ = imgui.selectable(label, lobe in state.selected, flags)
+    clicked, _ = imgui.selectable(label, lobe in state.selected)
     if clicked:
         _select(state, lobe, order)
+    if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
+        state.renaming = Renaming(lobe, shown)
     if selection.lobe == lobe and selection.is_new:
         selection.is_new = False
         imgui.set_scroll_here_y(0.5)
@@ -138,10 +139,7 @@ def _name(state: ViewerState, lobe: int, order: list[int]) -> None:
 
 def _select(state: ViewerState, lobe: int, order: list[int]) -> None:
     io = imgui.get_io()
-    if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-        state.select(lobe)
-        command("Rename the selected lobe").run(state)
-    elif io.key_ctrl:
+    if io.key_ctrl:
         state.select_also(lobe)
     elif io.key_shift:
         state.select_to(lobe, order)
