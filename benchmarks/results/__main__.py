@@ -14,9 +14,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from asglight.cli.parser import Parser, one_line
 from rich.console import Console
 
+from asglight.cli.options.parser import Parser, one_line
 from asglight.errors import InputError
 from benchmarks.results.parts import PARTS_FILE, PLACES, Part, chosen, read_parts
 from benchmarks.results.running import PartError, complaints, here, make, renamed

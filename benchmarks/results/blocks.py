@@ -2,8 +2,10 @@
 """Blocks: what a command made in a page, between two comments that name the command.
 
     <!-- made by: python -m benchmarks.some --maps ../shared/hdri [some.1] -->
+
     | map | error |
     ...
+
     <!-- end -->
 
 `some.1` is the first table of the part `some` (parts.toml), `some.page` a file that it wrote,
@@ -11,7 +13,7 @@
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 START = re.compile(r"^<!-- made by: (?P<command>.+) \[(?P<name>[\w-]+\.\w+)\] -->$")
@@ -32,7 +34,7 @@ class Block:
     Attributes:
         name: `PART.N`, `PART.page` or `PART.picture`.
         command: As the page names it.
-        content: The lines between the comments, without the newline at the end.
+        content: The lines between the comments, without empty ones around them.
     """
 
     name: str
@@ -41,7 +43,8 @@ class Block:
 
     def text(self) -> str:
         """Return the block as it stands in a page."""
-        return f"<!-- made by: {self.command} [{self.name}] -->\n{self.content}\n{END}"
+        # with empty lines: a comment and a table would be one block of HTML to some readers
+        return f"<!-- made by: {self.command} [{self.name}] -->\n\n{self.content}\n\n{END}"
 
 
 def pieces(page: str) -> Iterator[str | Block]:
@@ -62,7 +65,7 @@ def pieces(page: str) -> Iterator[str | Block]:
         elif line == END and start is None:
             raise ValueError(f"{END} without a block before it")
         elif line == END and start is not None:
-            yield Block(start["name"], start["command"], "\n".join(held))
+            yield Block(start["name"], start["command"], "\n".join(held).strip("\n"))
             held, start = [], None
         else:
             held.append(line)
@@ -76,11 +79,10 @@ def blocks(page: str) -> list[Block]:
     return [piece for piece in pieces(page) if isinstance(piece, Block)]
 
 
-def with_blocks(page: str, made: dict[str, Block]) -> str:
-    """Return a page with those of its blocks replaced that are in `made`."""
+def with_blocks(page: str, change: Callable[[Block], Block]) -> str:
+    """Return a page with each of its blocks changed, and the text between them as it was."""
     return "\n".join(
-        made.get(piece.name, piece).text() if isinstance(piece, Block) else piece
-        for piece in pieces(page)
+        change(piece).text() if isinstance(piece, Block) else piece for piece in pieces(page)
     )
 
 

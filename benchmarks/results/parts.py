@@ -28,18 +28,16 @@ class Part:
     Attributes:
         name: Of the part, as `make results PART=` takes it.
         commands: In their order; a {name} is a place, {output} the part's own folder.
-        tables: How many tables it makes.
         source: What holds the tables: `stdout` of the last command, in Markdown or as the JSON that
             `reader` understands, or a file in the output folder.
         reader: Function of readers.py that makes tables of JSON; None for Markdown and HTML.
         page: File in the output folder that a block `NAME.page` takes as a whole.
-        pictures: By their path in the repository, the file in the output folder.
+        pictures: By their path in the repository, the file in the output folder, or its pattern.
         minutes: Of two cores, about.
     """
 
     name: str
     commands: tuple[str, ...]
-    tables: int = 0
     source: str = "stdout"
     reader: str | None = None
     page: str | None = None
@@ -63,7 +61,7 @@ def _by_this_python(words: list[str]) -> list[str]:
         "python": [sys.executable],
         "asglight": [sys.executable, "-c", "from asglight.cli.main import main as m; exit(m())"],
     }
-    files = [sorted(glob(word)) if "*" in word else [word] for word in words[1:]]
+    files = [sorted(glob(word)) or [word] for word in words[1:]]
     return [*own.get(words[0], [words[0]]), *chain.from_iterable(files)]
 
 

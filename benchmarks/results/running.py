@@ -4,7 +4,7 @@
 import datetime
 import shutil
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from asglight.judging.machine import machine
@@ -66,31 +66,24 @@ def complaints(root: Path, parts: dict[str, Part]) -> list[str]:
         text = path.read_text()
         found += [f"{path.name}: no command for the table {head}" for head in loose_numbers(text)]
         for block in blocks(text):
-            part, _, what = block.name.partition(".")
+            part = block.name.partition(".")[0]
             named.add(part)
             if part not in parts:
                 found.append(f"{path.name}: [{block.name}]: parts.toml has no such part")
             elif block.command != parts[part].shown():
                 found.append(f"{path.name}: [{block.name}]: names another command than parts.toml")
-            elif what.isdecimal() and not 1 <= int(what) <= parts[part].tables:
-                found.append(f"{path.name}: [{block.name}]: the part has no such table")
     return found + [f"parts.toml: {name}: is in no page" for name in parts if name not in named]
 
 
 def renamed(root: Path, parts: dict[str, Part]) -> None:
     """Write the commands of parts.toml into the comments of all blocks; nothing is run."""
+
+    def change(block: Block) -> Block:
+        name = block.name.partition(".")[0]
+        return replace(block, command=parts[name].shown()) if name in parts else block
+
     for path in pages(root):
-        text = path.read_text()
-        path.write_text(
-            with_blocks(
-                text,
-                {
-                    block.name: Block(block.name, parts[name].shown(), block.content)
-                    for block in blocks(text)
-                    if (name := block.name.partition(".")[0]) in parts
-                },
-            )
-        )
+        path.write_text(with_blocks(path.read_text(), change))
 
 
 def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Where) -> None:
@@ -108,23 +101,31 @@ def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Wh
             raise PartError(f"{' '.join(words)}: ended with status {run.returncode}")
     (output / "stdout.txt").write_text(printed)
     content = _contents(part, output, printed)
+    missing = _asked(part, root) - content.keys()
+    if missing:
+        raise PartError(f"made no {', '.join(sorted(missing))}")
     for target, source in part.pictures.items():
-        if not (output / source).is_file():
-            raise PartError(f"drew no {source}")
-        shutil.copyfile(output / source, root / target)
+        drawn = sorted(output.glob(source))
+        if not drawn:
+            raise PartError(f"made no {source}")
+        (root / target).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(drawn[0], root / target)
     note = where.note(part.shown())
+
+    def change(block: Block) -> Block:
+        if block.name.partition(".")[0] != part.name:
+            return block
+        made = content.get(block.name, _without_note(block.content))
+        return Block(block.name, part.shown(), f"{made}\n\n{note}")
+
     for path in pages(root):
-        text = path.read_text()
-        made = {
-            block.name: Block(
-                block.name,
-                part.shown(),
-                f"{content.get(block.name, _without_note(block.content))}\n\n{note}",
-            )
-            for block in blocks(text)
-            if block.name.partition(".")[0] == part.name
-        }
-        path.write_text(with_blocks(text, made))
+        path.write_text(with_blocks(path.read_text(), change))
+
+
+def _asked(part: Part, root: Path) -> set[str]:
+    """Return the names of the blocks that the pages have of a part, but those of pictures."""
+    names = {block.name for path in pages(root) for block in blocks(path.read_text())}
+    return {name for name in names if name.startswith(f"{part.name}.")} - {f"{part.name}.picture"}
 
 
 def _contents(part: Part, output: Path, printed: str) -> dict[str, str]:
@@ -132,12 +133,9 @@ def _contents(part: Part, output: Path, printed: str) -> dict[str, str]:
     made: dict[str, str] = {}
     if part.page is not None:
         made[f"{part.name}.page"] = (output / part.page).read_text().strip()
-    if part.tables:
-        text = printed if part.source == "stdout" else (output / part.source).read_text()
-        found = read_tables(text, Path(part.source).suffix, part.reader)
-        if len(found) != part.tables:
-            raise PartError(f"made {len(found)} tables; parts.toml says {part.tables}")
-        made |= {f"{part.name}.{index}": table for index, table in enumerate(found, 1)}
+    text = printed if part.source == "stdout" else (output / part.source).read_text()
+    found = read_tables(text, Path(part.source).suffix, part.reader)
+    made |= {f"{part.name}.{index}": table for index, table in enumerate(found, 1)}
     return made
 
 

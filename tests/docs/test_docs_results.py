@@ -38,7 +38,6 @@ def test_every_number_of_readme_and_results_has_a_command_of_parts_toml() -> Non
 def test_every_part_says_what_it_makes() -> None:
     for part in read_parts(PARTS_FILE).values():
         assert part.commands
-        assert part.tables or part.page or part.pictures, part.name
         assert part.source == "stdout" or Path(part.source).suffix in (".html", ".md", ".json")
 
 
@@ -81,14 +80,14 @@ def test_a_block_that_does_not_end_is_refused(page: str, message: str) -> None:
 
 
 def test_text_beside_blocks_stays_to_the_letter() -> None:
-    page = f"a\n\n<!-- made by: x [p.1] -->\n{TABLE}\n<!-- end -->\n  b\n"
-    assert with_blocks(page, {}) == page
-    other = with_blocks(page, {"p.1": Block("p.1", "y", "new")})
-    assert other == "a\n\n<!-- made by: y [p.1] -->\nnew\n<!-- end -->\n  b\n"
+    page = f"a\n\n<!-- made by: x [p.1] -->\n\n{TABLE}\n\n<!-- end -->\n  b\n"
+    assert with_blocks(page, lambda block: block) == page
+    other = with_blocks(page, lambda block: Block(block.name, "y", "new"))
+    assert other == "a\n\n<!-- made by: y [p.1] -->\n\nnew\n\n<!-- end -->\n  b\n"
 
 
 def test_a_part_is_run_and_its_table_replaced(tmp_path: Path) -> None:
-    toml = f"[fake]\ncommands = ['''{PRINTS}''']\ntables = 1\n"
+    toml = f"[fake]\ncommands = ['''{PRINTS}''']\n"
     readme, _ = repository(tmp_path, "", toml)
     shown = read_parts(tmp_path / "parts.toml")["fake"].shown()
     readme.write_text(f"head\n\n<!-- made by: {shown} [fake.1] -->\n{TABLE}\n<!-- end -->\ntail\n")
@@ -124,17 +123,30 @@ def test_pages_and_pictures_are_taken_from_the_output(tmp_path: Path) -> None:
     assert (tmp_path / "docs" / "b.png").read_text() == "drawn"
 
 
+def test_pictures_of_one_part_keep_each_its_own_link(tmp_path: Path) -> None:
+    draws = "python -c \"import sys; open(sys.argv[1] + '/a.png', 'w')\" {output}"
+    toml = f"[fake]\ncommands = ['''{draws}''']\npictures = {{'docs/a.png' = 'a.png'}}\n"
+    readme, file = repository(tmp_path, "", toml)
+    start = f"<!-- made by: {read_parts(file)['fake'].shown()} [fake.picture] -->"
+    readme.write_text(f"{start}\n![A](a.png)\n<!-- end -->\n{start}\n![B](b.png)\n<!-- end -->\n")
+    assert run(tmp_path) == 0
+    assert [made.content.split("\n")[0] for made in blocks(readme.read_text())] == [
+        "![A](a.png)",
+        "![B](b.png)",
+    ]
+
+
 def test_what_fails_is_said_and_the_other_parts_go_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     toml = (
-        "[bad]\ncommands = ['''python -c \"exit(3)\"''']\ntables = 1\n"
-        f"[few]\ncommands = ['''{PRINTS}''']\ntables = 2\n"
-        f"[good]\ncommands = ['''{PRINTS}''']\ntables = 1\n"
+        "[bad]\ncommands = ['''python -c \"exit(3)\"''']\n"
+        f"[few]\ncommands = ['''{PRINTS}''']\n"
+        f"[good]\ncommands = ['''{PRINTS}''']\n"
     )
     readme, file = repository(tmp_path, "", toml)
     marks = [
-        f"<!-- made by: {part.shown()} [{name}.1] -->\nx\n<!-- end -->"
+        f"<!-- made by: {part.shown()} [{name}.{2 if name == 'few' else 1}] -->\nx\n<!-- end -->"
         for name, part in read_parts(file).items()
     ]
     readme.write_text("\n".join(marks))
@@ -142,14 +154,14 @@ def test_what_fails_is_said_and_the_other_parts_go_on(
     said = capsys.readouterr().err
     assert "results: bad: " in said
     assert "ended with status 3" in said
-    assert "results: few: made 1 tables; parts.toml says 2" in said
+    assert "results: few: made no few.2" in said
     assert [made.content[:1] for made in blocks(readme.read_text())] == ["x", "x", "|"]
 
 
 def test_nothing_is_run_for_a_page_that_holds_a_number_of_its_own(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    toml = "[bad]\ncommands = ['''python -c \"exit(3)\"''']\ntables = 1\n"
+    toml = "[bad]\ncommands = ['''python -c \"exit(3)\"''']\n"
     readme, file = repository(tmp_path, "", toml)
     shown = read_parts(file)["bad"].shown()
     readme.write_text(
@@ -165,12 +177,12 @@ def test_nothing_is_run_for_a_page_that_holds_a_number_of_its_own(
 
 
 def test_commands_of_pages_follow_the_file_of_parts(tmp_path: Path) -> None:
-    toml = "[moved]\ncommands = ['python -m benchmarks.new {maps}/*.exr -o {output}']\ntables = 1\n"
+    toml = "[moved]\ncommands = ['python -m benchmarks.new {maps}/*.exr -o {output}']\n"
     old = "<!-- made by: old [moved.1] -->\nx\n<!-- end -->\n"
     readme, _ = repository(tmp_path, old, toml)
     assert run(tmp_path, "--rename") == 0
     new = "python -m benchmarks.new ../shared/hdri/*.exr -o results-output/moved"
-    assert readme.read_text() == f"<!-- made by: {new} [moved.1] -->\nx\n<!-- end -->\n"
+    assert readme.read_text() == f"<!-- made by: {new} [moved.1] -->\n\nx\n\n<!-- end -->\n"
 
 
 def test_a_part_that_is_none_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
