@@ -14,12 +14,12 @@ from asglight.errors import InputError
 from asglight.shader_files import ShaderError
 from asglight.viewer.colour import opencolorio
 from asglight.viewer.state.session import Session
-from asglight.viewer.state.viewer_state import Scene
+from asglight.viewer.state.views import Scene
 
 if TYPE_CHECKING:
     from asglight.viewer.io.wanted import Wanted
 
-_EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL", "imageio_ffmpeg"}
+_EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL", "imageio_ffmpeg", "filelock"}
 """Packages that only the viewer needs."""
 
 

@@ -29,21 +29,22 @@ from asglight.viewer.io.wanted import TURNTABLE, Wanted
 from asglight.viewer.panels import help as help_panel
 from asglight.viewer.panels import widgets
 from asglight.viewer.panels.balls import balls
-from asglight.viewer.panels.browser import browser
 from asglight.viewer.panels.curves import curves
-from asglight.viewer.panels.history import history
+from asglight.viewer.panels.dialogs.browser import browser
+from asglight.viewer.panels.dialogs.progress import progress
+from asglight.viewer.panels.dialogs.question import question
 from asglight.viewer.panels.inspector import inspector
-from asglight.viewer.panels.lobes import lobes
+from asglight.viewer.panels.lights.history import history
+from asglight.viewer.panels.lights.lobes import lobes
 from asglight.viewer.panels.look import look
 from asglight.viewer.panels.map import latlong_map
 from asglight.viewer.panels.menus import menus
-from asglight.viewer.panels.progress import progress
-from asglight.viewer.panels.question import question
 from asglight.viewer.panels.timeline import timeline
 from asglight.viewer.state import settings
 from asglight.viewer.state.commands import FLIP_KEY
 from asglight.viewer.state.session import Session
-from asglight.viewer.state.viewer_state import RENDERS, Request, Theme, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import RENDERS, Request, Theme
 
 _BALLS = "Balls"
 _THEMES = {
@@ -349,7 +350,7 @@ class Window:
 
     def _ask_for_file(self, request: Request) -> None:
         """Let a file be named, by the system where it can; it knows no sequences to open."""
-        if request is Request.OPEN or not native.has_dialog():
+        if request in (Request.OPEN, Request.OPEN_AGAINST) or not native.has_dialog():
             self.documents.browse(request)
         else:
             self._dialog = request, native.save_dialog(request, *self.documents.proposed(request))

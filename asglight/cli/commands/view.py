@@ -38,6 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     nothing = "(default: the built-in environment, fitted as it plays)"
     add("input", nargs="?", metavar="INPUT", help=f"{stage} {images} {nothing}")
     add("--reference", metavar="IMAGES", help="images to compare a stage with")
+    against = "another fit of the shot, B, to hold against INPUT, A: a stage or its folder"
+    add("--against", metavar="STAGE", help=against)
     add("--live", action="store_true", help="fit the images while they are shown")
     add("--lobes", type=int, metavar="N", help="number of lobes of a live fit (default: 15)")
     add_input_options(parser)
@@ -73,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     request = Request(
         input=arguments.input,
         reference=arguments.reference,
+        against=arguments.against,
         frames=arguments.frames,
         reading=read_options(arguments),
         live=arguments.live,

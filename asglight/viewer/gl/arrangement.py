@@ -42,20 +42,18 @@ class Strip(NamedTuple):
     rows: int
 
 
-def strip(rows: int, *, is_paired: bool) -> Strip:
+def strip(rows: int, parts: int) -> Strip:
     """Return where balls are drawn that are not shown one above the other.
 
-    Where there are two to compare it is half of the picture, as of each of two above each other:
-    balls stay as large and where they are, sideways, whatever is shown of both.
+    Where there are several to compare it is a part of the picture, as of each of those above each
+    other: balls stay as large and where they are, sideways, whatever is shown of them.
 
     Args:
         rows: Rows of the picture.
-        is_paired: Whether there is a reference.
+        parts: How many there are.
     """
-    if not is_paired:
-        return Strip(0, rows)
-    half = max(1, rows // 2)
-    return Strip((rows - half) // 2, half)
+    each = max(1, rows // parts)
+    return Strip((rows - each) // 2, each)
 
 
 def cells(size: tuple[int, int], count: int) -> list[Cell]:
@@ -132,3 +130,17 @@ def hit(arrangement: list[Cell], x: float, y: float) -> Hit | None:
         if depth2 > 0:
             return Hit(index, np.array([right, up, math.sqrt(depth2)]))
     return None
+
+
+def mirroring(direction: np.ndarray) -> np.ndarray | None:
+    """Return the normal at which a ball mirrors a direction towards the camera: midway of both.
+
+    Args:
+        direction: Unit vector in the camera's coordinates.  [3]
+
+    Returns:
+        Unit normal; None right behind the ball, which only its rim mirrors.  [3]
+    """
+    middle = direction + np.array([0.0, 0.0, 1.0])
+    length = float(np.linalg.norm(middle))
+    return middle / length if length > 1e-6 else None  # 1e-6: float32 has lost the direction

@@ -4,7 +4,8 @@
 from asglight.viewer.gl.arrangement import cells, hit, strip
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.state.inspector import inspect_ball, inspect_map
-from asglight.viewer.state.viewer_state import Scene, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Scene
 
 
 def inspect(state: ViewerState, renderer: Renderer, size: tuple[int, int]) -> None:
@@ -28,7 +29,7 @@ def inspect(state: ViewerState, renderer: Renderer, size: tuple[int, int]) -> No
         state.inspected = state.probe = None
         return
     columns, rows = size
-    rows = strip(rows, is_paired=state.is_paired).rows
+    rows = strip(rows, state.parts).rows
     found = hit(cells((columns, rows), len(state.balls)), probe.x * columns, probe.y * rows)
     if found is None:  # the balls lie elsewhere now
         state.inspected = state.probe = None

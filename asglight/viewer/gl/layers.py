@@ -27,6 +27,7 @@ from asglight.viewer.gl.passes import (
 from asglight.viewer.gl.reference.reference_cache import ReferenceCache
 from asglight.viewer.gl.reference.reference_pass import ReferencePass
 from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_tabled
+from asglight.viewer.state.compared.against import Lit
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.uniforms.map_lobes import widened
@@ -88,13 +89,13 @@ class Layer:
         return True
 
 
-def camera_key(state: ViewerState) -> tuple[float, ...]:
+def camera_key(state: Lit) -> tuple[float, ...]:
     """Return what a rotation depends on."""
     camera = state.camera
     return camera.yaw_deg, camera.pitch_deg, camera.environment_deg
 
 
-def lobes_key(state: ViewerState) -> tuple[Any, ...]:
+def lobes_key(state: Lit) -> tuple[Any, ...]:
     """Return what the light depends on."""
     return Held(state.tracks), state.playback.time, state.lit
 
@@ -107,7 +108,7 @@ class ClosedForm(Layer):
         super().__init__(context)
         self._pass = BallsPass(context, albedo_table)
 
-    def draw(self, state: ViewerState, size: tuple[int, int]) -> None:
+    def draw(self, state: Lit, size: tuple[int, int]) -> None:
         """Bring the layer up to date."""
         balls = state.balls
         if self.needs((lobes_key(state), camera_key(state), balls), size):
@@ -141,7 +142,7 @@ class LobesMap(Layer):
         super().__init__(context)
         self._pass = LobesPass(context)
 
-    def draw(self, state: ViewerState) -> None:
+    def draw(self, state: Lit) -> None:
         """Bring the layer up to date."""
         rows = MAP_ROWS // 2 if state.is_moving else MAP_ROWS
         if self.needs(lobes_key(state), (2 * rows, rows)):
@@ -158,7 +159,7 @@ class Background(Layer):
         self._pass = background_pass
 
     def draw(
-        self, state: ViewerState, latlong: moderngl.Texture, version: int, size: tuple[int, int]
+        self, state: Lit, latlong: moderngl.Texture, version: int, size: tuple[int, int]
     ) -> None:
         """Bring the layer up to date with a map and its version."""
         if self.needs((Held(latlong), version, camera_key(state)), size):

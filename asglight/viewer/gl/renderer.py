@@ -9,6 +9,7 @@ import numpy as np
 
 from asglight.errors import InputError
 from asglight.viewer.colour import opencolorio
+from asglight.viewer.gl.against import AgainstLayers
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.arrangement import cells, drawn_areas, strip
 from asglight.viewer.gl.compare import ball_errors
@@ -34,7 +35,8 @@ from asglight.viewer.gl.passes import (
 )
 from asglight.viewer.state.display import Comparison, Subject, ViewTransform
 from asglight.viewer.state.held import Held
-from asglight.viewer.state.viewer_state import Scene, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Scene
 from asglight.viewer.uniforms.shader_defines import SURROUND
 
 
@@ -73,9 +75,11 @@ class Renderer:
         self._integrals: dict[bool, Integral] = {}
         self._lobes_image: tuple[Any, np.ndarray] | None = None
         self._shown = {name: _Shown(context) for name in ("balls", "map")}
+        self._against: AgainstLayers | None = None
         self._last: tuple[Picture, Picture | None] | None = None
+        self._truth: Picture | None = None
         self._pixel: tuple[Any, tuple[np.ndarray | None, np.ndarray | None]] | None = None
-        self._errors: tuple[Any, list[float | None]] | None = None
+        self._errors: dict[bool, tuple[Any, list[float | None]]] = {}
         self._light: Any = None
         self._is_draft = False
         self._draft = Draft()
@@ -98,7 +102,7 @@ class Renderer:
         Returns:
             Its target, sRGB.
         """
-        rows = strip(size[1], is_paired=state.is_paired).rows
+        rows = strip(size[1], state.parts).rows
         if not self._wants_draft(state):
             self._last = self._pair(state, (size[0], rows))
         else:
@@ -126,11 +130,13 @@ class Renderer:
         if state.shown_map is not Comparison.REFERENCE:
             self._lobes_map.draw(state)
         reference = None if state.references is None else Picture(self._blank)
-        if state.reference_image is not None:
+        if state.subject is Subject.AGAINST:
+            reference = self._of_b.map(state)
+        elif state.reference_image is not None:
             self._reference_map.upload(state.reference_image)
             reference = Picture(self._reference_map.texture)
         pair = Picture(self._lobes_map.texture), reference
-        versions = self._lobes_map.version, self._reference_map.version
+        versions = self._lobes_map.version, self._reference_map.version, *self._of_b_versions
         return self._bring("map", state, state.shown_map, pair, versions, size)
 
     @property
@@ -164,11 +170,16 @@ class Renderer:
             self._pixel = key, self.pixel(x, y)
         return self._pixel[1]
 
-    def ball_errors(self, state: ViewerState) -> list[float | None] | None:
-        """Return the relative L1 error of each ball of the pair that is compared.
+    def ball_errors(self, state: ViewerState, *, of_b: bool = False) -> list[float | None] | None:
+        """Return the relative L1 error of each ball: of the fit against what it is compared with.
 
-        Read anew each time the reference has gained a quarter of its samples, since reading waits
-        for the GPU.
+        Of A and B both are held against the HDRI; where there is none, A is held against B. Read
+        anew each time the reference has gained a quarter of its samples, since reading waits for
+        the GPU.
+
+        Args:
+            state: The session.
+            of_b: Whether those of B are asked for.
 
         Returns:
             One number for each ball, None for a ball whose reference is black; None in place of
@@ -176,18 +187,22 @@ class Renderer:
         """
         quarter = int(4 * self.reference_progress)
         fit, reference = self._last or (None, None)
+        if state.subject is Subject.AGAINST and state.references is not None:
+            fit, reference = reference if of_b else fit, self._truth
+        elif of_b:
+            return None
         waits = quarter == 0 or state.is_moving or not state.is_fitted
         if fit is None or reference is None or waits:
             return None
         if fit.front.size != reference.front.size:  # the reference is still being read
             return None
-        key = (lobes_key(state), camera_key(state), state.balls, state.compared.subject)
-        key = (*key, Held(state.reference_image), fit.front.size, quarter)
-        if self._errors is None or self._errors[0] != key:
+        key = (lobes_key(state), camera_key(state), state.balls, state.subject)
+        key = (*key, Held(state.reference_image), Held(state.against), fit.front.size, quarter)
+        if of_b not in self._errors or self._errors[of_b][0] != key:
             arrangement = cells(fit.front.size, len(state.balls))
             errors = ball_errors(_pixels(fit.front), _pixels(reference.front), arrangement)
-            self._errors = key, errors
-        return self._errors[1]
+            self._errors[of_b] = key, errors
+        return self._errors[of_b][1]
 
     def radiance(self, state: ViewerState) -> np.ndarray:
         """Return the balls as they were drawn last, before any view: linear, unexposed.
@@ -207,22 +222,27 @@ class Renderer:
         if reference is None:
             reference = np.zeros_like(fit)
         if shown is Comparison.ROWS:
-            picture = np.concatenate([fit, reference])
+            truth = [] if self._truth is None else [_composed(self._truth)]
+            picture = np.concatenate([fit, reference, *truth])
         else:
             single = _compared(shown, fit, reference, state.compared.wipe)
-            top, rows = strip(self.shown_balls.height, is_paired=state.is_paired)
+            top, rows = strip(self.shown_balls.height, state.parts)
             picture = np.zeros((self.shown_balls.height, *single.shape[1:]), np.float32)
             picture[top : top + rows] = single
         return picture * np.float32(2.0**state.environment.intensity_ev)
 
     def _pair(self, state: ViewerState, size: tuple[int, int]) -> tuple[Picture, Picture | None]:
         """Bring both layers up to date and return them."""
+        self._truth = None
         if state.scene is Scene.GROUND:
             self._ground.draw(state, size)
             self.reference_progress = 1.0
             return Picture(self._ground.texture), None
-        subject = state.compared.subject
+        subject = state.subject
         image = state.reference_image
+        self._truth = None
+        if subject is Subject.AGAINST:
+            return self._against_pair(state, size)
         of_fit, of_reference = self._background_textures(state, size, image)
         self.reference_progress = 1.0
         if image is not None and subject is Subject.FIT:
@@ -240,6 +260,36 @@ class Renderer:
         of_lobes = subject is Subject.SHADING
         reference = self._integral(state, size, image, of_lobes=of_lobes)
         return fit, Picture(reference, of_fit if of_lobes else of_reference)
+
+    def _against_pair(
+        self, state: ViewerState, size: tuple[int, int]
+    ) -> tuple[Picture, Picture | None]:
+        """Bring the balls of A and of B up to date, and those of the HDRI, the truth of both."""
+        image = state.reference_image
+        of_fit, of_reference = self._background_textures(state, size, image)
+        self._closed_form.draw(state, size)
+        self.reference_progress = 1.0
+        if state.references is not None:
+            front = self._blank
+            if image is None or not self.displayed:  # as in `_pair`
+                self.reference_progress = 1.0 if image is None else 0.0
+            else:
+                front = self._integral(state, size, image, of_lobes=False)
+            self._truth = Picture(
+                front, self._blank if of_fit and not of_reference else of_reference
+            )
+        return Picture(self._closed_form.texture, of_fit), self._of_b.balls(state, size)
+
+    @property
+    def _of_b(self) -> AgainstLayers:
+        """The layers of B, made when they are first needed."""
+        if self._against is None:
+            self._against = AgainstLayers(self._context, self._albedo_table)
+        return self._against
+
+    @property
+    def _of_b_versions(self) -> tuple[int, ...]:
+        return () if self._against is None else self._against.versions
 
     def _integral(
         self, state: ViewerState, size: tuple[int, int], image: np.ndarray, *, of_lobes: bool
@@ -285,7 +335,7 @@ class Renderer:
 
     def _versions(self) -> tuple[int, ...]:
         layers = (self._closed_form, self._ground, *self._backgrounds, *self._integrals.values())
-        return tuple(layer.version for layer in layers)
+        return *(layer.version for layer in layers), *self._of_b_versions
 
     def _bring(
         self,
@@ -302,29 +352,33 @@ class Renderer:
         comparison = Comparison.FIT if reference is None else wanted
         wipe = state.compared.wipe if name == "balls" else state.map_view.wipe
         shown = self._shown[name]
-        textures = tuple(map(Held, (*fit, *(reference or ()))))
+        truth = self._truth if name == "balls" else None
+        textures = tuple(map(Held, (*fit, *(reference or ()), *(truth or ()))))
         key = (textures, versions, *_display_key(state), comparison, wipe)
         if not shown.needs(key, size):
             return shown.target
         columns, rows = size
         parts: list[tuple[Comparison, Area]] = [(comparison, (0, 0, columns, rows))]
         if comparison is Comparison.ROWS:
-            half = rows // 2
+            count = 2 if truth is None else 3
+            each = rows // count
             parts = [
-                (Comparison.FIT, (0, 0, columns, half)),
-                (Comparison.REFERENCE, (0, half, columns, half)),
+                (Comparison.FIT, (0, 0, columns, each)),
+                (Comparison.REFERENCE, (0, each, columns, each)),
             ]
+            if truth is not None:
+                parts.append((Comparison.REFERENCE, (0, 2 * each, columns, each)))
         elif name == "balls":
-            top, height = strip(rows, is_paired=state.is_paired)
+            top, height = strip(rows, state.parts)
             parts = [(comparison, (0, top, columns, height))]
         is_row = name == "balls" and state.scene is Scene.BALLS
         is_sparse = is_row and fit.background is None
-        shown.target.clear(*SURROUND)
-        for part, area in parts:
+        shown.target.clear(*SURROUND, 1.0)
+        for place, (part, area) in enumerate(parts):
             within = drawn_areas(fit.front.size, len(state.balls), area) if is_sparse else None
             self._display.draw(
                 fit,
-                reference,
+                truth if place == 2 else reference,
                 state.display,
                 part,
                 shown.target,

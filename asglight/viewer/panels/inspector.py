@@ -4,6 +4,7 @@
 import numpy as np
 from imgui_bundle import imgui
 
+from asglight.viewer.state.display import Subject
 from asglight.viewer.state.inspector import angles_deg, stops
 from asglight.viewer.state.viewer_state import ViewerState
 
@@ -27,8 +28,9 @@ def inspector(state: ViewerState) -> None:
         for heading in ("", "R", "G", "B", "EV"):
             imgui.table_next_column()
             imgui.text_disabled(heading)
-        _row("fit", inspected.fit)
-        _row("reference", inspected.reference)
+        is_b = state.subject is Subject.AGAINST
+        _row("A" if is_b else "fit", inspected.fit)
+        _row("B" if is_b else "reference", inspected.reference)
         imgui.end_table()
     parts = [f"{state.lobe_names[lobe]} {100 * share:.0f} %" for lobe, share in inspected.shares]
     imgui.text_disabled("from " + ", ".join(parts[:LOBES_SHOWN]) if parts else "from no lobe")

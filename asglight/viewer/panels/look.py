@@ -8,7 +8,8 @@ from asglight.viewer.colour import opencolorio
 from asglight.viewer.panels import widgets
 from asglight.viewer.state.commands import ENVIRONMENT_STEP_DEG, FLIP_KEY, command
 from asglight.viewer.state.display import EXPOSURE_EV_MAX, ColourView, ViewTransform
-from asglight.viewer.state.viewer_state import INTENSITY_EV_MAX, Scene, ViewerState
+from asglight.viewer.state.viewer_state import INTENSITY_EV_MAX, ViewerState
+from asglight.viewer.state.views import Scene
 
 _CONFIG_TIP = "ACES as OpenColorIO has it, or the studio's config, where OCIO names one."
 
@@ -76,26 +77,43 @@ def _colour_view(state: ViewerState) -> None:
 
 
 def _comparison(state: ViewerState) -> None:
-    imgui.separator_text("Compare with the HDRI")
-    if state.references is None:
+    imgui.separator_text("Compare")
+    if not state.subjects:
         imgui.text_wrapped(
             "Drop an HDR image or sequence on the window, or start with --reference."
         )
-        return
+    else:
+        _compared(state)
+    widgets.button(
+        state,
+        "Open another stage as B",
+        "B...",
+        "Hold another fit of this shot, B, against this one, A.",
+    )
+    if state.against is not None:
+        imgui.same_line()
+        widgets.button(state, "End A and B", "end", f"Close {state.against.name}, which is B.")
+        imgui.same_line()
+        imgui.text_disabled(state.against.name)
+
+
+def _compared(state: ViewerState) -> None:
     compared = state.compared
     compared.comparison = widgets.choice(
         "show",
         compared.comparison,
-        f"What is shown of fit and reference. Hold {FLIP_KEY}: flip to the other one.",
+        f"What is shown of both. Hold {FLIP_KEY}: flip to the other one.",
         command("Next comparison").keys,
     )
     compared.subject = widgets.choice(
         "error",
-        compared.subject,
+        state.subject,
         "overall: the balls under the lights against the balls under the HDRI.\n"
         "fit only: both sampled, so that only what the lights lack is left.\n"
-        "shading only: the lights by formula and sampled: what the formulas lack.",
-        command("Overall, fit only or shading only").keys,
+        "shading only: the lights by formula and sampled: what the formulas lack.\n"
+        "A and B: two fits; where there is an HDRI, the errors of both against it.",
+        command("Overall, fit only, shading only or A and B").keys,
+        members=state.subjects,
     )
 
 

@@ -14,7 +14,8 @@ from asglight.viewer.panels import legend, widgets
 from asglight.viewer.state.commands import command
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.picking import pick
-from asglight.viewer.state.viewer_state import Outlines, Probe, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Outlines, Probe
 from asglight.viewer.uniforms import outlines
 
 CLICK_POINTS = 4.0
@@ -27,10 +28,12 @@ trembles by a few points, with a pen by more."""
 
 def latlong_map(state: ViewerState, renderer: Renderer) -> None:
     """Draw the map as large as it fits at two to one, and let lobes be clicked and dragged."""
-    if state.references is not None:
+    if state.subjects:
         imgui.set_next_item_width(widgets.em(9))
         state.map_view.comparison = widgets.choice(
-            "##map_view", state.map_view.comparison, "What the map shows of fit and reference."
+            "##map_view",
+            state.map_view.comparison,
+            "What the map shows of fit and reference, or of A and B.",
         )
         imgui.same_line()
     imgui.set_next_item_width(widgets.em(9))
@@ -53,7 +56,7 @@ def latlong_map(state: ViewerState, renderer: Renderer) -> None:
 
 
 def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
-    """Click: select a lobe. Drag: turn the lobe that the drag began on."""
+    """Click: select lobes. Drag: turn those selected, of which the drag began on one."""
     if not (imgui.is_item_hovered() or imgui.is_item_active()):
         return
     place = _place(imgui.get_mouse_pos(), origin, points)
@@ -61,30 +64,48 @@ def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     editing = state.editing
     tolerance = CLICK_POINTS * np.pi / points[1]
     if imgui.is_item_activated():
-        state.select(pick(state.lobes, _direction(place).tolist(), tolerance))
+        _pick(state, _direction(place).tolist(), tolerance)
         editing.drag_from = _direction(place).tolist()
-    if imgui.is_item_active() and state.selection.lobe is not None:
+    if imgui.is_item_active() and state.selected and editing.reaches(state.moment):
         delta = imgui.get_mouse_drag_delta(imgui.MouseButton_.left, widgets.em(STILL_EM))
         if delta.x or delta.y:
             target = _direction(place).tolist()
-            editing.turn_to(state.history, state.selection.lobe, state.playback.index, target)
+            editing.turn_to(state.history, state.selected, state.moment, target)
     if imgui.is_item_deactivated():
         editing.commit(state.history)
+
+
+def _pick(state: ViewerState, direction: list[float], tolerance: float) -> None:
+    """Select the lobe that a click means; with Ctrl or Shift beside the others.
+
+    A click on one of several that are selected keeps them, so that they can be dragged.
+    """
+    present = state.history.present
+    lobes = state.lobes.select(torch.tensor(present, dtype=torch.long))
+    found = pick(lobes, direction, tolerance)
+    lobe = None if found is None else present[found]
+    io = imgui.get_io()
+    adds = io.key_ctrl or io.key_shift
+    if lobe is not None and adds:
+        state.select_also(lobe)
+    elif not adds and (lobe is None or lobe not in state.selected):
+        state.select(lobe)
 
 
 def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     draw = imgui.get_window_draw_list()
     end = ImVec2(origin.x + points[0], origin.y + points[1])
     draw.push_clip_rect(origin, end, True)
-    lit, selected = state.lit, state.selection.lobe
-    wanted: list[int] = []
-    if state.outlines is Outlines.ALL:
-        wanted = list(range(state.lobes.count))
-    elif state.outlines is Outlines.SELECTED and selected is not None:
-        wanted = [selected]
+    lit, selected = state.lit, state.selected
+    present = state.history.present
+    wanted = {
+        Outlines.ALL: present,
+        Outlines.SELECTED: tuple(index for index in present if index in selected),
+        Outlines.NONE: (),
+    }[state.outlines]
     drawn = _curves(Held(state.lobes)) if state.outlines is Outlines.ALL else []
     for index in wanted:
-        is_selected = index == selected
+        is_selected = index in selected
         shade = widgets.ACCENT if is_selected else widgets.FAINT
         colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
         outline = _outline(Held(state.lobes), index) if is_selected else None
@@ -104,7 +125,7 @@ def _curves(lobes: Held[Lobes]) -> list[outlines.Polylines]:
     return outlines.curves(lobes.value)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=32)
 def _outline(lobes: Held[Lobes], index: int) -> outlines.Outline:
     """Return the outline of one lobe, with its arms."""
     return outlines.outlines(lobes.value.select(torch.tensor([index])))[0]

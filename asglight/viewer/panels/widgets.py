@@ -107,9 +107,9 @@ def checkbox(label: str, value: bool, entry: Command, explanation: str) -> bool:
     return value
 
 
-def choice(label: str, value: E, explanation: str, keys: str = "") -> E:
-    """Show a drop-down list of an enum's members."""
-    members: list[E] = list(type(value))
+def choice(label: str, value: E, explanation: str, keys: str = "", members: Sequence[E] = ()) -> E:
+    """Show a drop-down list of an enum's members, or of some of them."""
+    members = members or list(type(value))
     _, place = imgui.combo(label, members.index(value), [str(member) for member in members])
     tooltip(explanation, keys)
     return members[place]

@@ -59,6 +59,8 @@ class Subject(StrEnum):
     """The lobes' integral against the map's: what the lobes lack."""
     SHADING = "shading only"
     """The lobes' closed form against their integral: what the formulas lack."""
+    AGAINST = "A and B"
+    """The closed form of one fit against that of another; both against the map's integral."""
 
 
 class Channel(StrEnum):

@@ -10,8 +10,9 @@ from asglight.lobes import asg
 from asglight.sphere import latlong
 from asglight.viewer.gl.arrangement import Hit
 from asglight.viewer.state import picking
-from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY
-from asglight.viewer.state.viewer_state import Inspected, ViewerState
+from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY, Subject
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Inspected
 
 SHARE_MIN = 0.01
 """Lobes that send less than a hundredth of the light are not named."""
@@ -32,6 +33,8 @@ def inspect_map(state: ViewerState, u: float, v: float) -> Inspected:
     if image is not None:
         height, width = image.shape[:2]
         reference = image[min(int(v * height), height - 1), min(int(u * width), width - 1)] * gain
+    if state.against is not None and state.subject is Subject.AGAINST:
+        reference = state.against.radiance(state.playback.time, direction).numpy() * gain
     fit = asg.evaluate(state.lit_lobes, direction[None])[0].numpy() * gain
     return Inspected("map", direction.numpy(), fit, reference, shares(state, direction.numpy()))
 

@@ -8,7 +8,8 @@ from dataclasses import asdict, astuple
 from asglight.viewer.state.balls import Material
 from asglight.viewer.state.display import ColourView, ViewTransform
 from asglight.viewer.state.playback import Pace
-from asglight.viewer.state.viewer_state import Theme, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Theme
 
 
 def as_text(state: ViewerState) -> str:

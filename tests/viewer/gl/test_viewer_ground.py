@@ -17,7 +17,8 @@ from asglight.cli.main import main
 from asglight.lobes import Form, Lobes, LobeTracks, asg, frames
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.state.display import Comparison
-from asglight.viewer.state.viewer_state import Scene, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Scene
 from asglight.viewer.uniforms import ground_blocks
 from asglight.viewer.uniforms.ground_blocks import ground_view
 
