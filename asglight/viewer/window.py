@@ -181,7 +181,7 @@ class Window:
             ("Curves", "CurvesSpace", lambda: curves(self.state)),
             ("Look", "RightSpace", lambda: look(self.state)),
             ("Lobes", "LobesSpace", lambda: lobes(self.state)),
-            ("Inspector", "InspectorSpace", lambda: inspector(self.state)),
+            ("Inspector", "InspectorSpace", lambda: inspector(self.state, self.renderer)),
             ("History", "InspectorSpace", lambda: history(self.state)),
         )
         windows = [

@@ -58,7 +58,9 @@ def radiance_target(context: moderngl.Context, size: tuple[int, int]) -> moderng
 
 def display_target(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Framebuffer:
     """Return a target for sRGB, RGBA8."""
-    return context.framebuffer([context.texture(size, 4)])
+    texture = context.texture(size, 4)
+    texture.filter = moderngl.NEAREST, moderngl.NEAREST  # a texel is a pixel, magnified or not
+    return context.framebuffer([texture])
 
 
 def target_texture(target: moderngl.Framebuffer) -> moderngl.Texture:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The layers put together: what is shaded, what is only shown anew, and how fine while it moves."""
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import astuple, dataclass
+from typing import Any, Literal
 
 import moderngl
 import numpy as np
@@ -138,6 +138,10 @@ class Renderer:
         pair = Picture(self._lobes_map.texture), reference
         versions = self._lobes_map.version, self._reference_map.version, *self._of_b_versions
         return self._bring("map", state, state.shown_map, pair, versions, size)
+
+    def shown(self, name: Literal["balls", "map"]) -> moderngl.Framebuffer:
+        """Return a panel's picture as it was drawn last."""
+        return self._shown[name].target
 
     @property
     def shown_balls(self) -> moderngl.Framebuffer:
@@ -353,8 +357,9 @@ class Renderer:
         wipe = state.compared.wipe if name == "balls" else state.map_view.wipe
         shown = self._shown[name]
         truth = self._truth if name == "balls" else None
+        frame = astuple(state.map_frame) if name == "map" else None
         textures = tuple(map(Held, (*fit, *(reference or ()), *(truth or ()))))
-        key = (textures, versions, *_display_key(state), comparison, wipe)
+        key = (textures, versions, *_display_key(state), comparison, wipe, frame)
         if not shown.needs(key, size):
             return shown.target
         columns, rows = size
@@ -371,11 +376,16 @@ class Renderer:
         elif name == "balls":
             top, height = strip(rows, state.parts)
             parts = [(comparison, (0, top, columns, height))]
+        else:
+            x, y, wide, high = map(round, state.map_frame.area(columns, rows))
+            parts = [(comparison, (x, y, wide, high))]
         is_row = name == "balls" and state.scene is Scene.BALLS
         is_sparse = is_row and fit.background is None
         shown.target.clear(*SURROUND, 1.0)
         for place, (part, area) in enumerate(parts):
-            within = drawn_areas(fit.front.size, len(state.balls), area) if is_sparse else None
+            within = [(0, 0, columns, rows)] if name == "map" else None
+            if is_sparse:
+                within = drawn_areas(fit.front.size, len(state.balls), area)
             self._display.draw(
                 fit,
                 truth if place == 2 else reference,

@@ -37,6 +37,7 @@ def balls(state: ViewerState, renderer: Renderer) -> None:
         pointer = imgui.get_mouse_pos()
         _probe(state, points, (pointer.x - origin.x, pointer.y - origin.y))
     inspect(state, renderer, points)
+    _pin(state, origin, points)
     _labels(state, renderer, origin, points)
     legend.legend(state, state.shown, ImVec2(origin.x, origin.y + points[1]), points[0])
 
@@ -67,7 +68,7 @@ def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
 
 def _probe(state: ViewerState, points: tuple[int, int], pointer: tuple[float, float]) -> None:
     """Read the ball under the pointer from now on; beside the balls the last one stays."""
-    if state.scene is Scene.GROUND:
+    if state.scene is Scene.GROUND or state.is_pinned:
         return
     x, y = pointer
     columns, rows = points
@@ -76,6 +77,19 @@ def _probe(state: ViewerState, points: tuple[int, int], pointer: tuple[float, fl
     rows = strip_rows
     if hit(cells((columns, rows), len(state.balls)), x, y) is not None:
         state.probe = Probe("balls", x / columns, y / rows)
+
+
+def _pin(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
+    """Mark where the probe is pinned, in each row of balls."""
+    probe = state.probe
+    if not state.is_pinned or probe is None or probe.place != "balls":
+        return
+    top, rows = strip(points[1], state.parts)
+    rows_shown = range(state.parts) if state.shown is Comparison.ROWS else [0]
+    first = 0 if state.shown is Comparison.ROWS else top
+    for row in rows_shown:
+        y = origin.y + first + row * rows + probe.y * rows
+        widgets.cross(origin.x + probe.x * points[0], y)
 
 
 def _labels(

@@ -185,6 +185,15 @@ def hue(amplitude: np.ndarray) -> tuple[float, float, float]:
     return red, green, blue
 
 
+def cross(x: float, y: float) -> None:
+    """Mark a place of a picture, visible on bright and dark."""
+    draw, arm = imgui.get_window_draw_list(), em(0.6)
+    for shade, width in ((ImVec4(0, 0, 0, 0.85), 3.0), (ACCENT, 1.0)):
+        ink_ = imgui.get_color_u32(shade)
+        draw.add_line(ImVec2(x - arm, y), ImVec2(x + arm, y), ink_, width)
+        draw.add_line(ImVec2(x, y - arm), ImVec2(x, y + arm), ink_, width)
+
+
 def label_over(x: float, y: float, text: str, align: float = 0.0) -> None:
     """Write over a picture, readable on bright and dark, aligned 0 left to 1 right of x."""
     draw = imgui.get_window_draw_list()

@@ -26,6 +26,7 @@ from asglight.viewer.state.edits import editing
 from asglight.viewer.state.edits.editing import Editing, Moment
 from asglight.viewer.state.edits.history import EditHistory
 from asglight.viewer.state.held import Held
+from asglight.viewer.state.map_frame import MapFrame
 from asglight.viewer.state.picking import energies
 from asglight.viewer.state.playback import Playback
 from asglight.viewer.state.shown import dissolved, shown_lobes
@@ -100,6 +101,8 @@ class ViewerState:
         message: One line about what was done or went wrong last.
         inspected: What the pointer was over last, in the frame that is shown.
         probe: Where that is.
+        is_pinned: Whether it stays there.
+        map_frame: Which part of the map is shown.
         fitted: Frames whose lobes are known; None for all.
         is_fitting: Whether more lobes will come.
         editing: Where edits hold, and what the hand holds.
@@ -147,6 +150,8 @@ class ViewerState:
         self.renaming: Renaming | None = None
         self.inspected: Inspected | None = None
         self.probe: Probe | None = None
+        self.is_pinned = False
+        self.map_frame = MapFrame()
         self.fitted: frozenset[int] | None = None
         self.is_fitting = False
         self.requests: list[Request] = []
