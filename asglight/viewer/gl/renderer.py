@@ -33,10 +33,11 @@ from asglight.viewer.gl.passes import (
     display_target,
     release_target,
 )
+from asglight.viewer.gl.scopes import Scoped, Scopes
 from asglight.viewer.state.display import Comparison, Subject, ViewTransform
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
-from asglight.viewer.state.views import Scene
+from asglight.viewer.state.views import Scene, ScopePlace, ScopeSide
 from asglight.viewer.uniforms.shader_defines import SURROUND
 
 
@@ -77,6 +78,8 @@ class Renderer:
         self._shown = {name: _Shown(context) for name in ("balls", "map")}
         self._against: AgainstLayers | None = None
         self._last: tuple[Picture, Picture | None] | None = None
+        self._last_map: tuple[Picture, Picture | None] | None = None
+        self._scopes = Scopes(context)
         self._truth: Picture | None = None
         self._pixel: tuple[Any, tuple[np.ndarray | None, np.ndarray | None]] | None = None
         self._errors: dict[bool, tuple[Any, list[float | None]]] = {}
@@ -135,9 +138,22 @@ class Renderer:
         elif state.reference_image is not None:
             self._reference_map.upload(state.reference_image)
             reference = Picture(self._reference_map.texture)
-        pair = Picture(self._lobes_map.texture), reference
+        pair = self._last_map = Picture(self._lobes_map.texture), reference
         versions = self._lobes_map.version, self._reference_map.version, *self._of_b_versions
         return self._bring("map", state, state.shown_map, pair, versions, size)
+
+    def scoped(self, state: ViewerState) -> Scoped | None:
+        """Measure a picture as it was drawn last; while something moves the last one stays."""
+        versions = *self._versions(), self._lobes_map.version, self._reference_map.version
+        return self._scopes.measured(state, self._measured(state), versions)
+
+    def _measured(self, state: ViewerState) -> moderngl.Texture | None:
+        """Return the radiance that is to be measured."""
+        scope = state.scope
+        index = 0 if scope.side is ScopeSide.FIT else 1
+        pair = self._last if scope.place is ScopePlace.BALLS else self._last_map
+        picture = None if pair is None else pair[index]
+        return None if picture is None else picture.front
 
     def shown(self, name: Literal["balls", "map"]) -> moderngl.Framebuffer:
         """Return a panel's picture as it was drawn last."""

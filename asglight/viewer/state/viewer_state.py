@@ -41,6 +41,7 @@ from asglight.viewer.state.views import (
     Renaming,
     Request,
     Scene,
+    Scope,
     Selection,
     Theme,
 )
@@ -103,6 +104,7 @@ class ViewerState:
         probe: Where that is.
         is_pinned: Whether it stays there.
         map_frame: Which part of the map is shown.
+        scope: What histogram and waveform are of.
         fitted: Frames whose lobes are known; None for all.
         is_fitting: Whether more lobes will come.
         editing: Where edits hold, and what the hand holds.
@@ -152,6 +154,7 @@ class ViewerState:
         self.probe: Probe | None = None
         self.is_pinned = False
         self.map_frame = MapFrame()
+        self.scope = Scope()
         self.fitted: frozenset[int] | None = None
         self.is_fitting = False
         self.requests: list[Request] = []
