@@ -148,8 +148,11 @@ class Renderer:
         return self._scopes.measured(state, self._measured(state), versions)
 
     def _measured(self, state: ViewerState) -> moderngl.Texture | None:
-        """Return the radiance that is to be measured."""
+        """Return the radiance that is to be measured, also where it is not shown."""
         scope = state.scope
+        if scope.place is ScopePlace.MAP and scope.side is ScopeSide.FIT:
+            self._lobes_map.draw(state)
+            return self._lobes_map.texture
         index = 0 if scope.side is ScopeSide.FIT else 1
         pair = self._last if scope.place is ScopePlace.BALLS else self._last_map
         picture = None if pair is None else pair[index]

@@ -17,10 +17,10 @@ LOBES_SHOWN = 4
 MAGNIFIED = 8
 """Pixels of the magnifier for one of the picture."""
 
-MAGNIFIER_EM = 6.0
+MAGNIFIER_EM = 4.6
 """Height and width of the magnifier."""
 
-WIDTH_EM = 24.0
+WIDTH_EM = 16.0
 """Of the numbers: only in a wider panel there is a magnifier beside them."""
 
 
@@ -30,7 +30,6 @@ def inspector(state: ViewerState, renderer: Renderer) -> None:
     if inspected is None:
         imgui.text_disabled("Point at a ball or at the map.")
         return
-    _magnifier(state, renderer)
     longitude, latitude = angles_deg(inspected.direction)
     x, y, z = inspected.direction
     name = "let go" if state.is_pinned else "pin"
@@ -46,8 +45,10 @@ def inspector(state: ViewerState, renderer: Renderer) -> None:
     imgui.text_disabled(
         f"lon {longitude:+.1f} deg  lat {latitude:+.1f} deg   ({x:+.2f}, {y:+.2f}, {z:+.2f})"
     )
+    beside = widgets.em(MAGNIFIER_EM + 0.5) if _magnifier(state, renderer) else 0.0
+    width = imgui.get_content_region_avail().x - beside
     flags = imgui.TableFlags_.sizing_stretch_prop
-    if imgui.begin_table("radiance", 5, flags, ImVec2(widgets.em(WIDTH_EM - 6), 0)):
+    if imgui.begin_table("radiance", 5, flags, ImVec2(width, 0)):
         for heading in ("", "R", "G", "B", "EV"):
             imgui.table_next_column()
             imgui.text_disabled(heading)
@@ -60,12 +61,12 @@ def inspector(state: ViewerState, renderer: Renderer) -> None:
     imgui.set_item_tooltip("Lobes that send light from this direction, by share of luminance")
 
 
-def _magnifier(state: ViewerState, renderer: Renderer) -> None:
-    """Show the pixels around the probe, large."""
+def _magnifier(state: ViewerState, renderer: Renderer) -> bool:
+    """Show the pixels around the probe, large, where there is room; tell whether there is."""
     probe, side = state.probe, widgets.em(MAGNIFIER_EM)
     room = imgui.get_content_region_avail()
     if probe is None or room.x < widgets.em(WIDTH_EM + MAGNIFIER_EM):
-        return
+        return False
     target = renderer.shown(probe.place)
     x, y = probe.x, probe.y
     if probe.place == "map":
@@ -84,6 +85,7 @@ def _magnifier(state: ViewerState, renderer: Renderer) -> None:
     imgui.image(texture, ImVec2(side, side), uv0, uv1)
     widgets.cross(corner.x + 0.5 * side, corner.y + 0.5 * side)
     imgui.set_cursor_pos(before)
+    return True
 
 
 def _row(name: str, radiance: np.ndarray | None) -> None:
