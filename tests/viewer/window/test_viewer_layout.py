@@ -16,7 +16,7 @@ from asglight.lobes import LobeTracks
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.panels.curves import _limits, track_curves
 from asglight.viewer.state.held import Held
-from asglight.viewer.state.viewer_state import Outlines, Theme
+from asglight.viewer.state.views import Outlines, Theme
 
 SIZES = [
     ((1024, 640), 1.0),
