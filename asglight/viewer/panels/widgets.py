@@ -132,6 +132,8 @@ def slider(
     Returns:
         Whether the value changed, and the value.
     """
+    if abs(value) < 0.5 * 10.0**-decimals:
+        value = 0.0  # and not -0
     changed, value = imgui.slider_float(
         label, value, *limits, f"%.{decimals}f {unit}".rstrip(), imgui.SliderFlags_.clamp_on_input
     )
