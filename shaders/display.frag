@@ -4,7 +4,8 @@
 //
 // Special programs: COMPARES where two pictures are sampled, BACKGROUND where something is behind
 // them, EXACT where a texel is a pixel, TRANSFORM the one VIEW_TRANSFORM_ number that it has
-// (drivers without a GPU run both sides of an `if`, texture fetches included).
+// (drivers without a GPU run both sides of an `if`, texture fetches included). Of OpenColorIO's views
+// the function ocio_display stands before this text.
 #version 410 core
 
 #include "lib/display.glsl"
@@ -61,11 +62,18 @@ vec3 shown(vec3 radiance) {
     return scale_colour(display_stops_place(display_luminance(radiance)));
 #else
     vec3 channel = display_channel(radiance, u_channel);
+#if TRANSFORM == VIEW_TRANSFORM_OPENCOLORIO
+    channel = ocio_display(vec4(channel, 1.0)).rgb;
+    bool clips = max(max(channel.r, channel.g), channel.b) >= 1.0;
+#else
     bool clips = max(max(channel.r, channel.g), channel.b) > 1.0;
+#endif
     if (u_zebra && clips) {
         return vec3(mod(gl_FragCoord.x + gl_FragCoord.y, 8.0) < 4.0 ? 1.0 : 0.0);
     }
-#if TRANSFORM == VIEW_TRANSFORM_FILMIC
+#if TRANSFORM == VIEW_TRANSFORM_OPENCOLORIO
+    return clamp(channel, 0.0, 1.0);
+#elif TRANSFORM == VIEW_TRANSFORM_FILMIC
     return display_srgb(display_filmic(channel));
 #else
     return display_srgb(clamp(channel, 0.0, 1.0));

@@ -7,9 +7,9 @@ texels] times the flux of the texels, and the matrix is the same for every map, 
 map is brought into the camera's frame, where the view is +Z.
 
 Normals lie on a square grid over the disc whose radius is their angle to the view (the azimuthal
-equidistant disc), so that the rim, where a layer changes fastest, has more of them than the picture
-has pixels. Grid and texels are symmetric left to right and top to bottom: the matrix holds a quarter
-of the normals and meets the map four times, mirrored.
+equidistant disc), so that the rim, where a layer changes fastest, has more of them than the
+picture has pixels. Grid and texels are symmetric left to right and top to bottom: the matrix holds
+a quarter of the normals and meets the map four times, mirrored.
 
 Symbols: G normals along a side of the grid, Q = (G + 1) / 2 of a quarter; T rows of texels.
 """

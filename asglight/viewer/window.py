@@ -39,6 +39,7 @@ from asglight.viewer.panels.lights.lobes import lobes
 from asglight.viewer.panels.look import look
 from asglight.viewer.panels.map import latlong_map
 from asglight.viewer.panels.menus import menus
+from asglight.viewer.panels.scopes import scopes
 from asglight.viewer.panels.timeline import timeline
 from asglight.viewer.state import settings
 from asglight.viewer.state.commands import FLIP_KEY
@@ -57,7 +58,7 @@ _HANDLE = ImVec4(0.3, 0.6, 0.95, 0.4)
 MESSAGE_SECONDS = 20.0
 """After which a message has been read, or is about what is no more."""
 
-_UNSCROLLED = {_BALLS, "Timeline", "Map", "Curves"}
+_UNSCROLLED = {_BALLS, "Timeline", "Map", "Curves", "Scopes"}
 """Panels that fill their room; the wheel does something else in them."""
 
 _RECENT, _SETTINGS = "recent", "settings"
@@ -101,7 +102,10 @@ class Window:
         imgui.get_io().config_error_recovery_enable_assert = False
         self.renderer = Renderer(self.context)
         if _remembers():
+            chosen = self.state.display.transform, self.state.display.colour_view
             settings.restore(self.state, hello_imgui.load_user_pref(_SETTINGS))
+            if self.session.has_view:
+                self.state.display.transform, self.state.display.colour_view = chosen
             with suppress(ValueError, TypeError):
                 recent = json.loads(hello_imgui.load_user_pref(_RECENT))
                 self.documents.recent = [str(path) for path in recent][:RECENT_MAX]
@@ -176,9 +180,10 @@ class Window:
             ("Timeline", "TimelineSpace", lambda: timeline(self.state)),
             ("Map", "LowerSpace", lambda: latlong_map(self.state, self.renderer)),
             ("Curves", "CurvesSpace", lambda: curves(self.state)),
+            ("Scopes", "CurvesSpace", lambda: scopes(self.state, self.renderer)),
             ("Look", "RightSpace", lambda: look(self.state)),
             ("Lobes", "LobesSpace", lambda: lobes(self.state)),
-            ("Inspector", "InspectorSpace", lambda: inspector(self.state)),
+            ("Inspector", "InspectorSpace", lambda: inspector(self.state, self.renderer)),
             ("History", "InspectorSpace", lambda: history(self.state)),
         )
         windows = [

@@ -54,6 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     size = "window (default: as it was last; of a picture 1600x1000)"
     add("--size", type=_size, metavar="WxH", help=size)
     add("--exposure-ev", type=_exposure, metavar="EV", help="stops (default: metered)")
+    views = "sRGB, filmic, 'false colour', or a view of OpenColorIO: CONFIG[/SCREEN[/RENDERING]]"
+    add("--view", metavar="VIEW", help=f"{views} with CONFIG 'ACES 2.0', 'ACES 1.3' or '$OCIO'")
+    add("--ground", action="store_true", help="show a ball and a post on the ground")
     add_rig_option(parser)
     add_follow_option(parser)
     add("--check", action="store_true", help="compile every shader and say what OpenGL there is")
@@ -82,7 +85,9 @@ def run(arguments: argparse.Namespace) -> int:
     with contextlib.closing(opened(request)) as session:
         from asglight.viewer import app  # after the start of a live fit, which need not wait for it
 
-        app.set_up(session, arguments.frame, arguments.exposure_ev)
+        app.set_up(session, arguments.frame, arguments.exposure_ev, arguments.view)
+        if arguments.ground:
+            app.show_ground(session)
         status = session.source.status()
         if status.message and (status.is_finished or output is not None):
             print(f"asglight: {one_line(status.message)}", file=sys.stderr)

@@ -5,6 +5,7 @@ from asglight.viewer.gl.arrangement import cells, hit, strip
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.state.inspector import inspect_ball, inspect_map
 from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Scene
 
 
 def inspect(state: ViewerState, renderer: Renderer, size: tuple[int, int]) -> None:
@@ -23,6 +24,9 @@ def inspect(state: ViewerState, renderer: Renderer, size: tuple[int, int]) -> No
         return
     if probe.place == "map":
         state.inspected = inspect_map(state, probe.x, probe.y)
+        return
+    if state.scene is Scene.GROUND:
+        state.inspected = state.probe = None
         return
     columns, rows = size
     rows = strip(rows, state.parts).rows

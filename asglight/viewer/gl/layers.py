@@ -16,6 +16,7 @@ from asglight.shading import ball_tables
 from asglight.shading.ball_tables import CameraMap
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.gl.ground_pass import GroundPass
 from asglight.viewer.gl.passes import (
     BackgroundPass,
     LobesPass,
@@ -23,9 +24,9 @@ from asglight.viewer.gl.passes import (
     release_target,
     target_texture,
 )
-from asglight.viewer.gl.reference_cache import ReferenceCache
-from asglight.viewer.gl.reference_pass import ReferencePass
-from asglight.viewer.gl.smooth_balls import SmoothBalls, is_tabled
+from asglight.viewer.gl.reference.reference_cache import ReferenceCache
+from asglight.viewer.gl.reference.reference_pass import ReferencePass
+from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_tabled
 from asglight.viewer.state.compared.against import Lit
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
@@ -38,13 +39,13 @@ LIT_ROWS = 512
 """Rows of the map that stands for the lobes in their integral: a texel of a third of a degree, as
 the sun is half a one wide."""
 
-TEXEL_SAMPLES_AT_ONCE = 1_500_000
+TEXEL_SAMPLES_AT_ONCE = 2_500_000
 """Samples of all pixels together that the reference gains between two pictures of the window: a
 twentieth of a second on two cores without a GPU, which the eye still takes for continuous."""
 
 SAMPLES_LEAST, SAMPLES_MOST = 4, 64
-"""Samples of a pixel between two pictures however large they are, when fewer would take for ever, and
-however small."""
+"""Samples of a pixel between two pictures however large they are, when fewer would take for ever,
+and however small."""
 
 KEPT_SAMPLES = 64
 """A picture of fewer is as quickly made again, and noisier than one without samples."""
@@ -116,6 +117,21 @@ class ClosedForm(Layer):
             arrangement = cells(size, len(balls))
             rotation = state.camera.from_environment()
             self._pass.draw(state.lit_lobes, balls, rotation, arrangement, self._target)
+
+
+class Ground(Layer):
+    """A ball and a post on the ground, lit by the lobes."""
+
+    def __init__(self, context: moderngl.Context, albedo_table: moderngl.Texture) -> None:
+        """Compile the passes."""
+        super().__init__(context)
+        self._pass = GroundPass(context, BallsPass(context, albedo_table))
+
+    def draw(self, state: ViewerState, size: tuple[int, int]) -> None:
+        """Bring the layer up to date."""
+        ball = state.balls[state.ground_ball]
+        if self.needs((lobes_key(state), camera_key(state), ball), size):
+            self._pass.draw(state.lit_lobes, ball, state.camera, self._target)
 
 
 class LobesMap(Layer):

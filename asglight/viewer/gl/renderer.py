@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The layers put together: what is shaded, what is only shown anew, and how fine while it moves."""
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import astuple, dataclass
+from typing import Any, Literal
 
 import moderngl
 import numpy as np
 
+from asglight.errors import InputError
+from asglight.viewer.colour import opencolorio
 from asglight.viewer.gl.against import AgainstLayers
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.arrangement import cells, drawn_areas, strip
 from asglight.viewer.gl.compare import ball_errors
+from asglight.viewer.gl.display_pass import DisplayPass
 from asglight.viewer.gl.draft import Draft, Stopwatch
 from asglight.viewer.gl.layers import (
     Background,
     ClosedForm,
+    Ground,
     Integral,
     LobesMap,
     ReferenceMap,
@@ -25,14 +29,15 @@ from asglight.viewer.gl.layers import (
 from asglight.viewer.gl.passes import (
     Area,
     BackgroundPass,
-    DisplayPass,
     Picture,
     display_target,
     release_target,
 )
-from asglight.viewer.state.display import Comparison, Subject
+from asglight.viewer.gl.scopes import Scoped, Scopes
+from asglight.viewer.state.display import Comparison, Subject, ViewTransform
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Scene, ScopePlace, ScopeSide
 from asglight.viewer.uniforms.shader_defines import SURROUND
 
 
@@ -57,6 +62,7 @@ class Renderer:
         self._context = context
         self._albedo_table = albedo_table(context)
         self._closed_form = ClosedForm(context, self._albedo_table)
+        self._ground = Ground(context, self._albedo_table)
         self._lobes_map = LobesMap(context)
         self._reference_map = ReferenceMap(context)
         self._lit_map = ReferenceMap(context)
@@ -72,6 +78,8 @@ class Renderer:
         self._shown = {name: _Shown(context) for name in ("balls", "map")}
         self._against: AgainstLayers | None = None
         self._last: tuple[Picture, Picture | None] | None = None
+        self._last_map: tuple[Picture, Picture | None] | None = None
+        self._scopes = Scopes(context)
         self._truth: Picture | None = None
         self._pixel: tuple[Any, tuple[np.ndarray | None, np.ndarray | None]] | None = None
         self._errors: dict[bool, tuple[Any, list[float | None]]] = {}
@@ -108,7 +116,7 @@ class Renderer:
 
     def _wants_draft(self, state: ViewerState) -> bool:
         """Tell whether the light moves: an exposure that is dragged shades nothing anew."""
-        light = lobes_key(state), camera_key(state), state.balls
+        light = lobes_key(state), camera_key(state), state.balls, state.scene, state.ground_ball
         moves = state.is_moving and (light != self._light or self._is_draft)
         self._light, self._is_draft = light, moves
         return moves
@@ -130,9 +138,29 @@ class Renderer:
         elif state.reference_image is not None:
             self._reference_map.upload(state.reference_image)
             reference = Picture(self._reference_map.texture)
-        pair = Picture(self._lobes_map.texture), reference
+        pair = self._last_map = Picture(self._lobes_map.texture), reference
         versions = self._lobes_map.version, self._reference_map.version, *self._of_b_versions
         return self._bring("map", state, state.shown_map, pair, versions, size)
+
+    def scoped(self, state: ViewerState) -> Scoped | None:
+        """Measure a picture as it was drawn last; while something moves the last one stays."""
+        versions = *self._versions(), self._lobes_map.version, self._reference_map.version
+        return self._scopes.measured(state, self._measured(state), versions)
+
+    def _measured(self, state: ViewerState) -> moderngl.Texture | None:
+        """Return the radiance that is to be measured, also where it is not shown."""
+        scope = state.scope
+        if scope.place is ScopePlace.MAP and scope.side is ScopeSide.FIT:
+            self._lobes_map.draw(state)
+            return self._lobes_map.texture
+        index = 0 if scope.side is ScopeSide.FIT else 1
+        pair = self._last if scope.place is ScopePlace.BALLS else self._last_map
+        picture = None if pair is None else pair[index]
+        return None if picture is None else picture.front
+
+    def shown(self, name: Literal["balls", "map"]) -> moderngl.Framebuffer:
+        """Return a panel's picture as it was drawn last."""
+        return self._shown[name].target
 
     @property
     def shown_balls(self) -> moderngl.Framebuffer:
@@ -216,18 +244,11 @@ class Renderer:
         shown = state.shown
         if reference is None:
             reference = np.zeros_like(fit)
-        at = round(state.compared.wipe * fit.shape[1])
         if shown is Comparison.ROWS:
             truth = [] if self._truth is None else [_composed(self._truth)]
             picture = np.concatenate([fit, reference, *truth])
         else:
-            single = {
-                Comparison.FIT: fit,
-                Comparison.REFERENCE: reference,
-                Comparison.WIPE: np.concatenate([fit[:, :at], reference[:, at:]], axis=1),
-                Comparison.DIFFERENCE: fit - reference,
-                Comparison.RATIO: fit / np.maximum(reference, np.finfo(np.float32).tiny),
-            }[shown]
+            single = _compared(shown, fit, reference, state.compared.wipe)
             top, rows = strip(self.shown_balls.height, state.parts)
             picture = np.zeros((self.shown_balls.height, *single.shape[1:]), np.float32)
             picture[top : top + rows] = single
@@ -235,6 +256,11 @@ class Renderer:
 
     def _pair(self, state: ViewerState, size: tuple[int, int]) -> tuple[Picture, Picture | None]:
         """Bring both layers up to date and return them."""
+        self._truth = None
+        if state.scene is Scene.GROUND:
+            self._ground.draw(state, size)
+            self.reference_progress = 1.0
+            return Picture(self._ground.texture), None
         subject = state.subject
         image = state.reference_image
         self._truth = None
@@ -331,7 +357,7 @@ class Renderer:
         return texel[:3] / texel[3] if texel[3] > 0 else None
 
     def _versions(self) -> tuple[int, ...]:
-        layers = (self._closed_form, *self._backgrounds, *self._integrals.values())
+        layers = (self._closed_form, self._ground, *self._backgrounds, *self._integrals.values())
         return *(layer.version for layer in layers), *self._of_b_versions
 
     def _bring(
@@ -344,13 +370,15 @@ class Renderer:
         size: tuple[int, int],
     ) -> moderngl.Framebuffer:
         """Draw pictures in the screen's colours, if they or what is wanted of them changed."""
+        _leave_unusable_view(state)
         fit, reference = pair
         comparison = Comparison.FIT if reference is None else wanted
         wipe = state.compared.wipe if name == "balls" else state.map_view.wipe
         shown = self._shown[name]
         truth = self._truth if name == "balls" else None
+        frame = astuple(state.map_frame) if name == "map" else None
         textures = tuple(map(Held, (*fit, *(reference or ()), *(truth or ()))))
-        key = (textures, versions, *_display_key(state), comparison, wipe)
+        key = (textures, versions, *_display_key(state), comparison, wipe, frame)
         if not shown.needs(key, size):
             return shown.target
         columns, rows = size
@@ -367,10 +395,16 @@ class Renderer:
         elif name == "balls":
             top, height = strip(rows, state.parts)
             parts = [(comparison, (0, top, columns, height))]
-        is_sparse = name == "balls" and fit.background is None
+        else:
+            x, y, wide, high = map(round, state.map_frame.area(columns, rows))
+            parts = [(comparison, (x, y, wide, high))]
+        is_row = name == "balls" and state.scene is Scene.BALLS
+        is_sparse = is_row and fit.background is None
         shown.target.clear(*SURROUND, 1.0)
         for place, (part, area) in enumerate(parts):
-            within = drawn_areas(fit.front.size, len(state.balls), area) if is_sparse else None
+            within = [(0, 0, columns, rows)] if name == "map" else None
+            if is_sparse:
+                within = drawn_areas(fit.front.size, len(state.balls), area)
             self._display.draw(
                 fit,
                 truth if place == 2 else reference,
@@ -406,9 +440,35 @@ class _Shown:
         return changed
 
 
+def _leave_unusable_view(state: ViewerState) -> None:
+    """Go back to sRGB, and say why, where a view of OpenColorIO cannot be had (any more)."""
+    display = state.display
+    if display.transform is not ViewTransform.OPENCOLORIO:
+        return
+    try:
+        opencolorio.view_shader(display.colour_view)
+    except InputError as error:
+        state.message = str(error)
+        display.transform = ViewTransform.SRGB
+
+
+def _compared(shown: Comparison, fit: np.ndarray, reference: np.ndarray, wipe: float) -> np.ndarray:
+    """Return the radiance of one picture of two.  [H, W, 3]."""
+    at = round(wipe * fit.shape[1])
+    if shown is Comparison.WIPE:
+        return np.concatenate([fit[:, :at], reference[:, at:]], axis=1)
+    if shown is Comparison.DIFFERENCE:
+        return fit - reference
+    if shown is Comparison.RATIO:
+        with np.errstate(over="ignore"):  # over black it is infinite
+            return fit / np.maximum(reference, np.finfo(np.float32).tiny)
+    return fit if shown is Comparison.FIT else reference
+
+
 def _display_key(state: ViewerState) -> tuple[Any, ...]:
     display = state.display
     values = (display.exposure_ev, display.transform, display.channel, display.zebra)
+    values = (*values, display.colour_view)
     return (*values, state.environment.intensity_ev)
 
 

@@ -24,6 +24,7 @@ from asglight.viewer.io.wanted import Wanted
 from asglight.viewer.state.compared.titles import titles
 from asglight.viewer.state.display import Comparison
 from asglight.viewer.state.session import Session
+from asglight.viewer.state.views import Scene
 
 SAMPLED = 0.25
 """Share of a finished reference that a picture waits for: half of its noise is below a step of 8
@@ -141,7 +142,7 @@ def labelled(pixels: np.ndarray, session: Session) -> np.ndarray:
         draw.text(place, text, "white", font, anchor, stroke_width=1, stroke_fill="black")
 
     tops = [part * rows for part in range(state.parts)] if is_rows else [first]
-    for top in tops:
+    for top in tops if state.scene is Scene.BALLS else ():
         for cell, ball in zip(arrangement, state.balls, strict=True):
             below = min(top + cell.y + cell.size + 2, top + rows - font.size - 4)
             write((cell.x + cell.size / 2, below), ball.name, "ma")
@@ -153,7 +154,7 @@ def labelled(pixels: np.ndarray, session: Session) -> np.ndarray:
     title = names.get(state.shown, fit if is_rows else str(state.shown))
     write((8, 6), f"{session.title}   {title}", "la")
     exposure = state.display.exposure_ev + state.environment.intensity_ev
-    text = f"{state.playback.time:g}   {state.display.transform} {exposure:+.1f} EV"
+    text = f"{state.playback.time:g}   {state.display.name} {exposure:+.1f} EV"
     write((width - 8, 6), text, "ra")
     return np.asarray(image)
 

@@ -11,7 +11,7 @@ from asglight.viewer.panels.lights.highlight import highlight
 from asglight.viewer.state.compared.titles import titles
 from asglight.viewer.state.display import Comparison
 from asglight.viewer.state.viewer_state import ViewerState
-from asglight.viewer.state.views import Probe
+from asglight.viewer.state.views import Probe, Scene
 
 _WIPE_GRIP = 0.6
 """Half width, in heights of the font, of the strip where the wipe line can be taken."""
@@ -37,6 +37,7 @@ def balls(state: ViewerState, renderer: Renderer) -> None:
         pointer = imgui.get_mouse_pos()
         _probe(state, points, (pointer.x - origin.x, pointer.y - origin.y))
     inspect(state, renderer, points)
+    _pin(state, origin, points)
     _labels(state, renderer, origin, points)
     legend.legend(state, state.shown, ImVec2(origin.x, origin.y + points[1]), points[0])
 
@@ -67,6 +68,8 @@ def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
 
 def _probe(state: ViewerState, points: tuple[int, int], pointer: tuple[float, float]) -> None:
     """Read the ball under the pointer from now on; beside the balls the last one stays."""
+    if state.scene is Scene.GROUND or state.is_pinned:
+        return
     x, y = pointer
     columns, rows = points
     top, strip_rows = strip(rows, state.parts)
@@ -76,6 +79,19 @@ def _probe(state: ViewerState, points: tuple[int, int], pointer: tuple[float, fl
         state.probe = Probe("balls", x / columns, y / rows)
 
 
+def _pin(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
+    """Mark where the probe is pinned, in each row of balls."""
+    probe = state.probe
+    if not state.is_pinned or probe is None or probe.place != "balls":
+        return
+    top, rows = strip(points[1], state.parts)
+    rows_shown = range(state.parts) if state.shown is Comparison.ROWS else [0]
+    first = 0 if state.shown is Comparison.ROWS else top
+    for row in rows_shown:
+        y = origin.y + first + row * rows + probe.y * rows
+        widgets.cross(origin.x + probe.x * points[0], y)
+
+
 def _labels(
     state: ViewerState, renderer: Renderer, origin: ImVec2, points: tuple[int, int]
 ) -> None:
@@ -83,6 +99,10 @@ def _labels(
     fit, reference, truth = titles(state)
     progress = _progress(renderer)
     pad = widgets.em(0.4)
+    if state.scene is Scene.GROUND:
+        title = f"{fit}, {state.balls[state.ground_ball].name}"
+        widgets.label_over(origin.x + pad, origin.y + pad, title)
+        return
     shown = state.shown
     top, rows = strip(points[1], state.parts)
     has_truth = state.parts == 3

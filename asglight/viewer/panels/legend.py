@@ -3,7 +3,7 @@
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from asglight.viewer.gl.passes import DIVERGING_SCALE, STOPS_SCALE, scale_colours
+from asglight.viewer.gl.display_pass import DIVERGING_SCALE, STOPS_SCALE, scale_colours
 from asglight.viewer.panels import widgets
 from asglight.viewer.state.display import (
     FALSE_COLOUR_EV,
@@ -47,7 +47,7 @@ def legend(state: ViewerState, shown: Comparison, origin: ImVec2, width: float) 
     faint = widgets.ink(0.65)
     found = scale_of(state, shown)
     if found is None or width > widgets.em(2 * BAR_EM):
-        text = f"{state.display.transform}  {exposure:+.1f} EV"
+        text = f"{state.display.name}  {exposure:+.1f} EV"
         draw.add_text(ImVec2(origin.x, top), faint, text)
     if found is None:
         return

@@ -21,6 +21,9 @@ from asglight.viewer.uniforms import outlines
 CLICK_POINTS = 4.0
 """As far from a small lobe a click still means it."""
 
+ZOOM_STEP = 1.25
+"""For a notch of the wheel: three of them double the map."""
+
 STILL_EM = 0.7
 """Heights of the font by which a pressed pointer has to move before it turns a lobe: a hand
 trembles by a few points, with a pen by more."""
@@ -41,6 +44,10 @@ def latlong_map(state: ViewerState, renderer: Renderer) -> None:
     state.outlines = widgets.choice(
         "##outlines", state.outlines, "Which lobes are drawn over the map.", outlined.keys
     )
+    if state.map_frame.zoom > 1:
+        imgui.same_line()
+        label = f"{state.map_frame.zoom:.3g} x###whole"
+        widgets.button(state, "All of the map", label, "Show all of the map again.")
     room = imgui.get_content_region_avail()
     rows = max(1, int(min(room.x / 2, room.y - legend.room_below())))
     points = 2 * rows, rows
@@ -50,9 +57,33 @@ def latlong_map(state: ViewerState, renderer: Renderer) -> None:
     imgui.image(imgui.ImTextureRef(target.color_attachments[0].glo), ImVec2(*points))
     imgui.set_cursor_screen_pos(origin)
     imgui.invisible_button("##map", ImVec2(*points))
-    _mouse(state, origin, points)
-    _lobes(state, origin, points)
+    _move_frame(state, origin, points)
+    # all of the map, of which the panel shows a part
+    left, top, wide, high = state.map_frame.area(*points)
+    whole = ImVec2(origin.x + left, origin.y + top)
+    size = max(1, round(wide)), max(1, round(high))
+    _mouse(state, whole, size)
+    draw = imgui.get_window_draw_list()
+    draw.push_clip_rect(origin, ImVec2(origin.x + points[0], origin.y + points[1]), True)
+    _lobes(state, whole, size)
+    probe = state.probe
+    if state.is_pinned and probe is not None and probe.place == "map":
+        widgets.cross(whole.x + probe.x * wide, whole.y + probe.y * high)
+    draw.pop_clip_rect()
     legend.legend(state, state.shown_map, ImVec2(origin.x, origin.y + points[1]), points[0])
+
+
+def _move_frame(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
+    """Zoom by the wheel, about the pointer; move what is shown by the middle button."""
+    if not imgui.is_item_hovered():
+        return
+    io, frame = imgui.get_io(), state.map_frame
+    if io.mouse_wheel:
+        x = (io.mouse_pos.x - origin.x) / points[0]
+        y = (io.mouse_pos.y - origin.y) / points[1]
+        frame.zoom_at(x, y, ZOOM_STEP**io.mouse_wheel)
+    if imgui.is_mouse_down(imgui.MouseButton_.middle):
+        frame.pan(io.mouse_delta.x / points[0], io.mouse_delta.y / points[1])
 
 
 def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
@@ -60,7 +91,8 @@ def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     if not (imgui.is_item_hovered() or imgui.is_item_active()):
         return
     place = _place(imgui.get_mouse_pos(), origin, points)
-    state.probe = Probe("map", *place)
+    if not state.is_pinned:
+        state.probe = Probe("map", *place)
     editing = state.editing
     tolerance = CLICK_POINTS * np.pi / points[1]
     if imgui.is_item_activated():
@@ -94,8 +126,6 @@ def _pick(state: ViewerState, direction: list[float], tolerance: float) -> None:
 
 def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     draw = imgui.get_window_draw_list()
-    end = ImVec2(origin.x + points[0], origin.y + points[1])
-    draw.push_clip_rect(origin, end, True)
     lit, selected = state.lit, state.selected
     present = state.history.present
     wanted = {
@@ -116,7 +146,6 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
         u, v = latlong.uv_from_direction(state.lobes.axis_z[index])
         centre = ImVec2(origin.x + float(u) * points[0], origin.y + float(v) * points[1])
         draw.add_circle_filled(centre, 3.0 if is_selected else 2.0, colour)
-    draw.pop_clip_rect()
 
 
 @lru_cache(maxsize=2)

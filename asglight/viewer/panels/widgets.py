@@ -118,6 +118,13 @@ def choice(label: str, value: E, explanation: str, keys: str = "", members: Sequ
     return members[place]
 
 
+def one_of(label: str, value: str, members: Sequence[str], explanation: str) -> str:
+    """Show a drop-down list of names."""
+    _, place = imgui.combo(label, members.index(value), list(members))
+    tooltip(explanation)
+    return members[place]
+
+
 def slider(
     label: str,
     value: float,
@@ -181,6 +188,15 @@ def hue(amplitude: np.ndarray) -> tuple[float, float, float]:
     peak = max(float(amplitude.max()), 1e-30)  # 1e-30: a dark lobe is black
     red, green, blue = (float(value) for value in np.clip(amplitude / peak, 0, 1) ** (1 / 2.2))
     return red, green, blue
+
+
+def cross(x: float, y: float) -> None:
+    """Mark a place of a picture, visible on bright and dark."""
+    draw, arm = imgui.get_window_draw_list(), em(0.6)
+    for shade, width in ((ImVec4(0, 0, 0, 0.85), 3.0), (ACCENT, 1.0)):
+        ink_ = imgui.get_color_u32(shade)
+        draw.add_line(ImVec2(x - arm, y), ImVec2(x + arm, y), ink_, width)
+        draw.add_line(ImVec2(x, y - arm), ImVec2(x, y + arm), ink_, width)
 
 
 def label_over(x: float, y: float, text: str, align: float = 0.0) -> None:

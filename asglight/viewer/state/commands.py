@@ -109,6 +109,17 @@ def _next_material(state: ViewerState) -> None:
     state.material = _following(state.material)
 
 
+def _toggle_pin(state: ViewerState) -> None:
+    if state.probe is None:
+        state.message = "Nothing is probed yet. Point at a ball or at the map."
+    else:
+        state.is_pinned = not state.is_pinned
+
+
+def _next_scene(state: ViewerState) -> None:
+    state.scene = _following(state.scene)
+
+
 def _toggle_background(state: ViewerState) -> None:
     state.environment.is_shown = not state.environment.is_shown
 
@@ -209,6 +220,7 @@ COMMANDS = (
     Command("Look", "Z", "Zebra where the screen clips", _toggle_zebra),
     Command("Look", "M", "Metal or dielectric", _next_material),
     Command("Look", "B", "Environment behind the balls", _toggle_background),
+    Command("Look", "G", "Row of balls, or a ball on the ground", _next_scene),
     Command(
         "Look",
         "]",
@@ -223,6 +235,8 @@ COMMANDS = (
         lambda s: s.camera.turn_environment(-ENVIRONMENT_STEP_DEG),
         repeats=True,
     ),
+    Command("Look", "Y", "Pin the probe, or let it go", _toggle_pin),
+    Command("Look", "W", "All of the map", lambda s: s.map_frame.show_all()),
     Command("Look", "V", "Camera and environment at rest", lambda s: s.camera.reset()),
     Command("Compare", "R", "Next comparison", _next_comparison),
     Command("Compare", "Shift+R", "Overall, fit only, shading only or A and B", _next_subject),

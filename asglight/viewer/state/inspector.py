@@ -75,6 +75,26 @@ def shares(state: ViewerState, direction: np.ndarray) -> list[tuple[int, float]]
     return [(state.lit[i], float(share[i])) for i in order if share[i] >= SHARE_MIN]
 
 
+def as_text(inspected: Inspected, names: tuple[str, ...]) -> str:
+    """Return what is read at the probe as lines to paste elsewhere: numbers apart by tabs.
+
+    Args:
+        inspected: What is read.
+        names: Of the lobes.
+    """
+    longitude, latitude = angles_deg(inspected.direction)
+    lines = [
+        f"place\t{inspected.place}",
+        f"longitude, latitude (deg)\t{longitude:.3f}\t{latitude:.3f}",
+        "direction\t" + "\t".join(f"{value:.6f}" for value in inspected.direction),
+    ]
+    for name, radiance in (("fit", inspected.fit), ("reference", inspected.reference)):
+        if radiance is not None:
+            lines.append(f"{name} (RGB)\t" + "\t".join(f"{value:.7g}" for value in radiance))
+    lines += [f"{names[lobe]}\t{share:.4f}" for lobe, share in inspected.shares]
+    return "\n".join(lines)
+
+
 def stops(radiance: np.ndarray) -> float:
     """Return the luminance of a radiance in stops from middle grey; -inf for black."""
     luminance = float(radiance @ LUMINANCE)

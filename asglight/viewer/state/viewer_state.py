@@ -26,11 +26,13 @@ from asglight.viewer.state.edits import editing
 from asglight.viewer.state.edits.editing import Editing, Moment
 from asglight.viewer.state.edits.history import EditHistory
 from asglight.viewer.state.held import Held
+from asglight.viewer.state.map_frame import MapFrame
 from asglight.viewer.state.picking import energies
 from asglight.viewer.state.playback import Playback
 from asglight.viewer.state.shown import dissolved, shown_lobes
 from asglight.viewer.state.time_span import TimeSpan
 from asglight.viewer.state.views import (
+    GROUND_BALL,
     Compared,
     Environment,
     Inspected,
@@ -38,6 +40,8 @@ from asglight.viewer.state.views import (
     Probe,
     Renaming,
     Request,
+    Scene,
+    Scope,
     Selection,
     Theme,
 )
@@ -86,6 +90,8 @@ class ViewerState:
         compared: What the balls show of fit and reference.
         map_view: What the map shows of them.
         selection: Which lobes are looked at and which light.
+        scene: What the lights shine on.
+        ground_ball: Index in the row of the ball that stands on the ground.
         material: What the balls are made of.
         base_colour: Their colour, linear RGB.
         is_dragging: Whether the mouse changes something at this moment.
@@ -96,6 +102,9 @@ class ViewerState:
         message: One line about what was done or went wrong last.
         inspected: What the pointer was over last, in the frame that is shown.
         probe: Where that is.
+        is_pinned: Whether it stays there.
+        map_frame: Which part of the map is shown.
+        scope: What histogram and waveform are of.
         fitted: Frames whose lobes are known; None for all.
         is_fitting: Whether more lobes will come.
         editing: Where edits hold, and what the hand holds.
@@ -128,6 +137,8 @@ class ViewerState:
         self.environment = Environment()
         self.compared = Compared()
         self.map_view = Compared()
+        self.scene = Scene.BALLS
+        self.ground_ball = GROUND_BALL
         self.material = Material.METAL
         self.base_colour: Rgb = WHITE
         self.is_dragging = False
@@ -141,6 +152,9 @@ class ViewerState:
         self.renaming: Renaming | None = None
         self.inspected: Inspected | None = None
         self.probe: Probe | None = None
+        self.is_pinned = False
+        self.map_frame = MapFrame()
+        self.scope = Scope()
         self.fitted: frozenset[int] | None = None
         self.is_fitting = False
         self.requests: list[Request] = []
@@ -319,14 +333,19 @@ class ViewerState:
     @property
     def parts(self) -> int:
         """How many rows of balls there are where all are shown one above the other."""
+        if self.scene is Scene.GROUND:
+            return 1
         if self.subject is Subject.AGAINST:
             return 3 if self.references else 2
         return 2 if self.references else 1
 
     @property
     def shown(self) -> Comparison:
-        """What the balls show: without a reference the fit, without any lobe the reference."""
-        return self._shown(self.compared)
+        """What the balls show: without a reference the fit, without any lobe the reference.
+
+        On the ground it is the fit: a map's shadows have no closed form.
+        """
+        return Comparison.FIT if self.scene is Scene.GROUND else self._shown(self.compared)
 
     @property
     def shown_map(self) -> Comparison:

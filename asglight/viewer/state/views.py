@@ -33,6 +33,54 @@ class Theme(StrEnum):
     LIGHT = "light"
 
 
+class Scene(StrEnum):
+    """What the lights shine on."""
+
+    BALLS = "row of balls"
+    GROUND = "ball on the ground"
+    """One ball and a post, with a shadow for each lobe."""
+
+
+GROUND_BALL = 3
+"""The ball of roughness 0.5 stands on the ground: it shows both highlights and shade."""
+
+
+class ScopeKind(StrEnum):
+    """How brightness is shown."""
+
+    HISTOGRAM = "histogram"
+    WAVEFORM = "waveform"
+
+
+class ScopePlace(StrEnum):
+    """Of which picture."""
+
+    BALLS = "balls"
+    MAP = "map"
+
+
+class ScopeSide(StrEnum):
+    """Of which of two that are compared."""
+
+    FIT = "fit"
+    REFERENCE = "reference"
+
+
+@dataclass
+class Scope:
+    """What is measured.
+
+    Attributes:
+        kind: How it is shown.
+        place: Of which picture.
+        side: Of which of two.
+    """
+
+    kind: ScopeKind = ScopeKind.HISTOGRAM
+    place: ScopePlace = ScopePlace.BALLS
+    side: ScopeSide = ScopeSide.FIT
+
+
 class Outlines(StrEnum):
     """Which lobes are drawn over the map."""
 

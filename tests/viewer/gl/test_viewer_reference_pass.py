@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from asglight.viewer.gl.albedo_table import albedo_table
-from asglight.viewer.gl.reference_cache import ReferenceCache
-from asglight.viewer.gl.reference_pass import TARGET_SAMPLES, ReferencePass
+from asglight.viewer.gl.reference.reference_cache import ReferenceCache
+from asglight.viewer.gl.reference.reference_pass import TARGET_SAMPLES, ReferencePass
 from asglight.viewer.state.balls import Ball, Material, ball_row
 
 EYE = np.eye(3)

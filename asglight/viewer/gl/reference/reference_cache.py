@@ -4,7 +4,7 @@
 from collections import OrderedDict
 from collections.abc import Hashable
 
-from asglight.viewer.gl.reference_pass import Accumulation
+from asglight.viewer.gl.reference.reference_pass import Accumulation
 
 
 class ReferenceCache:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Balls lit by a latlong map, by the whole integral over the lights: the truth of the viewer.
 
-Rough balls are there at once, from tables (smooth_balls.py). Of the others a few samples a GUI frame
-go into a running mean (shaders/reference.frag); docs/method/reference-balls.md has the methods and their errors.
+Rough balls are there at once, from tables (smooth_balls.py). Of the others a few samples a GUI
+frame go into a running mean (shaders/reference.frag). docs/method/reference-balls.md has the
+methods and their errors.
 """
 
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ import torch
 from asglight.shading import ball_tables
 from asglight.shading.ball_tables import CameraMap
 from asglight.viewer.gl.passes import pass_program, radiance_target, release_target, target_texture
-from asglight.viewer.gl.smooth_balls import SmoothBalls, is_tabled
+from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_tabled
 from asglight.viewer.reference.reference_map import prepared
 from asglight.viewer.state.balls import Ball
 
