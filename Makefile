@@ -34,7 +34,7 @@ stress: setup    ## stiff, extreme and broken input, measured (stress-output/)
 	$(BIN)/asglight stress -o stress-output
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
-	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
+	$(BIN)/python -m benchmarks.fits --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
 
 bench-motion: setup  ## light between frames and at them, on SEQUENCES2X and SEQUENCES (bench-motion/)
 	$(BIN)/python -m benchmarks.motion.measure --sequences "$(SEQUENCES2X)" "$(SEQUENCES)" -o bench-motion

@@ -5,9 +5,9 @@ import math
 from collections.abc import Iterator
 from itertools import islice
 
-from benchmarks import rounding
 from benchmarks.gpu.data import maps
 from benchmarks.gpu.rows import Given, Row
+from benchmarks.steps import rounding
 
 MAPS, LOBES, SHORT_LOBES = 3, 15, 3
 

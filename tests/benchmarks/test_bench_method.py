@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`benchmarks/method.py`, `growth.py`, `docs_figures.py`: arithmetic of tables, the captions."""
+"""Arithmetic of tables, and captions: `method`, `growth` and `figures` of benchmarks/."""
 
 import json
 import math
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from lobe_cases import sky_and_sun
 from PIL import Image
 
@@ -21,9 +21,9 @@ from asglight.judging.bench.plan import Effort, plan_of
 from asglight.judging.metrics import METRIC_NAMES
 from asglight.lobes import Form
 
-method = script("method")
-docs_figures = script("docs_figures")
-growth = script("growth")
+method = module("shots.method")
+docs_figures = module("results.figures")
+growth = module("steps.growth")
 
 
 def errors(value: float, **others: float) -> dict[str, float]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from key_cases import Rectangle, corner_error, with_lamps
 from pxr import Usd, UsdGeom, UsdLux, UsdValidation
 from torch import Tensor
@@ -21,7 +21,7 @@ from asglight.usd import lint_stage, read_stage, write_usd
 from asglight.usd.options import KeyLights, KeyOptions
 from asglight.usd.read.keys import read_keys
 
-judge = script("keys")
+judge = module("keyed.measure")
 
 ROWS = 64
 FRAMES = tuple(range(1001, 1007))
