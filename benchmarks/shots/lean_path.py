@@ -31,7 +31,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "fit of the frames": ("asglight.shots.frames.fit_frame",),
     "second reading": ("asglight.shots.rounds.refined",),
     "repairs": ("asglight.images.repair.Tally.account",),
-    "light, with its ridge": ("asglight.fitting.steps.light.relight",),
+    "light, with its ridge": ("asglight.fitting.steps.light.solve_amplitudes",),
     "relocation": ("asglight.fitting.following.next_frame.relocated",),
     "wider sight for a lost lamp": ("asglight.fitting.following.next_frame.re_detected",),
     "doubt: a fresh fit": ("asglight.fitting.following.next_frame.fit_first_frame",),

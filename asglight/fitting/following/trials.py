@@ -19,7 +19,7 @@ from asglight.lobes import Lobes
 
 
 @dataclass(frozen=True)
-class Effort:
+class TrialSettings:
     """How much is spent on a trial.
 
     Attributes:
@@ -31,7 +31,7 @@ class Effort:
     companions: int | None = None
 
 
-THOROUGH = Effort(4)
+THOROUGH = TrialSettings(4)
 """For a trial only has to tell that J will be lower. With three companions `fast` follows lamps in
 a tunnel in three quarters of the time, but flickers by a quarter more."""
 
@@ -40,7 +40,7 @@ def compete(
     trials: Lobes,
     indices: Sequence[int],
     frame: objective.Target,
-    effort: Effort,
+    effort: TrialSettings,
     *,
     width_min: float,
     damping: Tensor | float = newton.DAMPING_START,

@@ -27,7 +27,7 @@ def _frame() -> objective.Target:
 
 
 def _competed(companions: int | None) -> tuple[Lobes, torch.Tensor]:
-    effort = trials.Effort(3, companions)
+    effort = trials.TrialSettings(3, companions)
     tried = stack([AS_IT_IS, ON_C, ON_A])
     return trials.compete(tried, [3, 3, 3], _frame(), effort, width_min=0.0)
 
