@@ -73,7 +73,7 @@ def test_the_pass_over_a_shot_stays_on_the_device() -> None:
 
 
 def test_stills_stay_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fits, "EFFORT", MIDDLING)
+    monkeypatch.setattr(fits, "SETTINGS", MIDDLING)
     maps = [sky_and_sun(degrees, 16) for degrees in (0.0, 50.0)]
     with watched():
         found = fit_stills(maps, 3, device=str(DEVICE))

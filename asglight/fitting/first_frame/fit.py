@@ -195,7 +195,7 @@ def fit_first_frame(
     reference: Tensor,
     count: int,
     form: Form | None,
-    effort: FirstFrameSettings = FAST,
+    settings: FirstFrameSettings = FAST,
     on_step: newton.OnStep | None = None,
     threads: int = 1,
 ) -> FrameFit:
@@ -205,7 +205,7 @@ def fit_first_frame(
         reference: Repaired radiance.  [H, 2 H, 3]
         count: N.
         form: Lobe function; None for asg, or flat where that shows the map better (flat_tops.py).
-        effort: How much is spent.
+        settings: How much is spent.
         on_step: Called after each step of the first start, and each round of splits of it that is
             kept, with lobes in units of the map's mean radiance, perhaps on another thread.
             [1, N, .]
@@ -225,21 +225,23 @@ def fit_first_frame(
         frames = [whole, coarse, last]
         if weights is not None:
             frames = [reweighting.with_weights(each, weights) for each in frames]
-        found = descend(seed[None], frames[0], frames[1], effort.levels, width_min, report)
+        found = descend(seed[None], frames[0], frames[1], settings.levels, width_min, report)
         return newton.minimise(
-            found.lobes, frames[2], effort.finishing, width_min=width_min, on_step=report
+            found.lobes, frames[2], settings.finishing, width_min=width_min, on_step=report
         )
 
     def aim() -> Tensor:
         """Return what errors are to come to on the last leaves."""
-        return reweighting.aims(seeding.seed_lobes(cells, count, Form.SG, None), last, effort.left)
+        return reweighting.aims(
+            seeding.seed_lobes(cells, count, Form.SG, None), last, settings.left
+        )
 
     def fitted(form: Form) -> newton.Outcome:
         """Return the end of the best start."""
-        spreads = effort.spreads_of(count)
+        spreads = settings.spreads_of(count)
         seeds = (seeding.seed_lobes(cells, count, form, spread) for spread in spreads)
         return multi_start.best_end(
-            seeds, finish, last, aim(), width_min, on_step, effort.again, threads
+            seeds, finish, last, aim(), width_min, on_step, settings.again, threads
         )
 
     found = fitted(first)

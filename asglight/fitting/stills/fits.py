@@ -30,7 +30,7 @@ AT_ONCE = 128
 """Maps side by side: by estimate enough that a step computes for longer than it takes to start, and
 8 GB of 60 MB each, which all GPUs have on which one would do this."""
 
-EFFORT = first_frame.FAST
+SETTINGS = first_frame.FAST
 
 OnDone = Callable[[int], None]
 """Called with the number of maps that are done."""
@@ -134,7 +134,7 @@ def _batch(references: list[Tensor], frames: list[Exposed]) -> _Batch:
 def _fitted(batch: _Batch, count: int, form: Form) -> list[FrameFit]:
     """Return the fit of each map."""
     yardstick = seeds_of_each(batch.cells, count, Form.SG, None)
-    aims = reweighting.aims_of_each(yardstick, batch.last, EFFORT.left)
+    aims = reweighting.aims_of_each(yardstick, batch.last, SETTINGS.left)
     found = _best_end(batch, count, form, aims)
     found = balanced_each(found, batch.last, aims, batch.width_min)
     lobes = canonical(light.with_amplitudes(found, batch.last).lobes.to("cpu"))
@@ -147,7 +147,7 @@ def _fitted(batch: _Batch, count: int, form: Form) -> list[FrameFit]:
 def _best_end(batch: _Batch, count: int, form: Form, aims: Tensor) -> newton.Outcome:
     """Follow each initial guess to its end; return of each map the one that `End` puts first."""
     best: tuple[newton.Outcome, Tensor, Tensor] | None = None
-    for spread in EFFORT.spreads_deg:
+    for spread in SETTINGS.spreads_deg:
         seeds = seeds_of_each(batch.cells, count, form, spread)
         found = _finished(batch, seeds)
         lags = reweighting.lags_of_each(found, batch.last, aims)
@@ -160,7 +160,7 @@ def _best_end(batch: _Batch, count: int, form: Form, aims: Tensor) -> newton.Out
                 torch.where(ahead, new, old) for new, old in ((behind, best[1]), (wrong, best[2]))
             )
         best = found, behind, wrong
-    assert best is not None  # every effort has a start
+    assert best is not None  # every setting has an initial guess
     return best[0]
 
 
@@ -170,11 +170,11 @@ def _finished(batch: _Batch, seeds: Lobes) -> newton.Outcome:
         seeds,
         batch.whole,
         batch.coarse,
-        EFFORT.levels,
+        SETTINGS.levels,
         batch.width_min,
         splitting=split_and_merge_each,
     )
-    return newton.minimise(found.lobes, batch.last, EFFORT.finishing, width_min=batch.width_min)
+    return newton.minimise(found.lobes, batch.last, SETTINGS.finishing, width_min=batch.width_min)
 
 
 def _each(lobes: Lobes) -> Iterator[Lobes]:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""What a fit spends on what a clean scene does not need: processor time and calls of each part.
 
-    python -m benchmarks.shots.lean_path --still ../shared/hdri/esplanade.exr \
+    python -m benchmarks.shots.clean_scene --still ../shared/hdri/esplanade.exr \
         --sequence ../shared/sequences/day
 
 `asglight fit` runs in this process, everything loaded before. A part's time is that of the thread
@@ -55,7 +55,7 @@ Taken = dict[str, tuple[int, float]]
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure each fit, print a table."""
-    parser = argparse.ArgumentParser(prog="lean_path", description=__doc__)
+    parser = argparse.ArgumentParser(prog="clean_scene", description=__doc__)
     add = parser.add_argument
     add("--still", required=True, metavar="FILE", help="a clean map")
     add("--sequence", required=True, metavar="DIR", help="a clean sequence")
