@@ -45,7 +45,6 @@ class Relocation:
             a tenth of it lets lights come and go for nothing that is seen, and flicker.
         gain: Share of J by which it must lower J as well: under noise J is large, and all trials
             gain something.
-        loss: J from which relocation is tried: slow skies and rooms stay below.
     """
 
     rounds: int
@@ -53,7 +52,6 @@ class Relocation:
     splits: int = 2
     cost: float = 0.002
     gain: float = 0.02
-    loss: float = 0.02
 
 
 def relocated(
