@@ -23,7 +23,7 @@ from asglight.fitting.first_frame.fit import (
 from asglight.fitting.following import slots
 from asglight.fitting.following.pull_in import pulled_in, re_detected, responsibilities
 from asglight.fitting.following.relocation import Relocation, relocated
-from asglight.fitting.following.trials import Effort
+from asglight.fitting.following.trials import TrialSettings
 from asglight.fitting.loss import lobe_images, objective, temporal
 from asglight.fitting.loss.objective import Corners
 from asglight.fitting.options import TRACKS_PER_LOBE
@@ -56,7 +56,7 @@ LIVE = FrameSettings(
     coarse=(Level(2, Corners(0.1, 0.005)),),
     whole=(Level(2, Corners(0.1, 0.005)), Level(2, Corners(0.1, 0.002))),
     changed=(Level(4, Corners(0.1, 0.005)), Level(4, Corners(0.1, 0.002))),
-    relocation=Relocation(rounds=1, trial=Effort(steps=2, companions=2)),
+    relocation=Relocation(rounds=1, trial=TrialSettings(steps=2, companions=2)),
     afresh_loss=1.0,
 )
 
@@ -64,7 +64,7 @@ FAST = FrameSettings(
     coarse=(Level(4, Corners(0.3, 0.02)),),
     whole=(Level(4, Corners(0.3, 0.02)), Level(8, Corners(0.1, 0.002))),
     changed=(),
-    relocation=Relocation(rounds=2, trial=Effort(4)),
+    relocation=Relocation(rounds=2, trial=TrialSettings(4)),
     afresh_loss=0.5,
 )
 
@@ -76,7 +76,7 @@ BEST = FrameSettings(
         Level(24, Corners(0.1, 0.002)),
     ),
     changed=(),
-    relocation=Relocation(rounds=3, trial=Effort(4), splits=4),
+    relocation=Relocation(rounds=3, trial=TrialSettings(4), splits=4),
     afresh_loss=0.5,
 )
 
@@ -144,7 +144,9 @@ def fit_next_frame(
         fresh = fit_first_frame(reference, count, previous.form, threads=threads)
         if fresh.loss < AFRESH_GAIN * loss:
             return _in_tracks_afresh(fresh, previous, free)
-    fit = with_flux_of(temporal.blackened(light.relit(outcome, whole).lobes[0]), frame, loss)
+    fit = with_flux_of(
+        temporal.blackened(light.with_amplitudes(outcome, whole).lobes[0]), frame, loss
+    )
     return replace(fit, lobes=_in_tracks(fit.lobes, places, previous))
 
 
@@ -240,7 +242,7 @@ def initial_guess(
     value = objective.value(radiance, frame.repeated(2 * count))
     still_best, after_best = value.view(2, -1).argmin(-1, keepdim=True)
     pair = lobe_images.joined(still[still_best], onwards[after_best])
-    lit = light.relight(pair, frame.repeated(2))
+    lit = light.solve_amplitudes(pair, frame.repeated(2))
     as_it_was = float(value[0])
     value = objective.value(lit.radiance, frame.repeated(2))
     damping = torch.full_like(value, DAMPING_START)
