@@ -123,7 +123,7 @@ def _labels(
     place = ImVec2(origin.x, origin.y + top)
     texts = _percent(errors)
     if has_truth and texts is not None and of_b is not None:
-        texts = [f"A {a}  B {b}" for a, b in zip(texts, _percent(of_b) or texts, strict=True)]
+        texts = [f"\nA {a}\nB {b}" for a, b in zip(texts, _percent(of_b) or texts, strict=True)]
     _ball_labels(state, size, place, texts)
     line = place.y + pad
     second = reference if has_truth else f"{reference}{progress}"
@@ -157,7 +157,8 @@ def _ball_labels(
     arrangement = cells(points, len(row))
     errors = [""] * len(row) if texts is None else texts
     names = [ball.name for ball in row]
-    labels = [f"{name}   {error}".rstrip() for name, error in zip(names, errors, strict=True)]
+    gap = "" if errors[0].startswith("\n") else "   "
+    labels = [f"{name}{gap}{error}".rstrip() for name, error in zip(names, errors, strict=True)]
     widest = max(imgui.calc_text_size(label).x for label in labels)
     if widest > 1.2 * arrangement[0].size:  # one would touch its neighbour: all are shortened
         labels = [label.removeprefix("roughness ") for label in labels]

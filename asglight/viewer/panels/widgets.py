@@ -83,9 +83,12 @@ def tooltip(text: str, keys: str = "") -> None:
         return
     # Over the widget, so that the next one below stays in view.
     text = f"{text}\nKey: {keys}" if keys else text
-    corner = imgui.get_item_rect_min()
-    if corner.y > imgui.calc_text_size(text).y + em(1.5):
-        place = ImVec2(corner.x, corner.y - em(0.3))
+    corner, size = imgui.get_item_rect_min(), imgui.calc_text_size(text)
+    if corner.y > size.y + em(1.5):
+        padding = 2 * imgui.get_style().window_padding.x
+        view = imgui.get_main_viewport()
+        right = view.pos.x + view.size.x - size.x - padding
+        place = ImVec2(max(view.pos.x, min(corner.x, right)), corner.y - em(0.3))
         imgui.set_next_window_pos(place, imgui.Cond_.always, ImVec2(0, 1))
     imgui.set_tooltip(text)
 
@@ -136,6 +139,8 @@ def slider(
     Returns:
         Whether the value changed, and the value.
     """
+    if abs(value) < 0.5 * 10.0**-decimals:
+        value = 0.0  # and not -0
     changed, value = imgui.slider_float(
         label, value, *limits, f"%.{decimals}f {unit}".rstrip(), imgui.SliderFlags_.clamp_on_input
     )

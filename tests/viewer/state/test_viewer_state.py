@@ -12,7 +12,7 @@ from windows import grey
 
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, asg
-from asglight.viewer.gl.arrangement import cells, hit
+from asglight.viewer.gl.arrangement import cells, hit, mirroring
 from asglight.viewer.state.commands import COMMANDS, command
 from asglight.viewer.state.display import EXPOSURE_EV_MAX, Comparison, Display
 from asglight.viewer.state.edits.absolute import lamp_of
@@ -258,3 +258,12 @@ def test_a_ball_is_inspected_where_its_mirror_looks(two_lamps: LobeTracks) -> No
 def test_stops_count_from_middle_grey() -> None:
     assert stops(np.array([0.72, 0.72, 0.72])) == pytest.approx(2)
     assert stops(np.zeros(3)) == -math.inf
+
+
+def test_a_ball_mirrors_a_direction_where_it_is_hit() -> None:
+    (cell,) = cells((100, 100), 1)
+    for x, y in ((20.0, 60.0), (50.0, 50.0), (70.0, 30.0)):
+        found = hit([cell], x, y)
+        assert found is not None
+        np.testing.assert_allclose(mirroring(found.mirrored), found.normal, atol=1e-12)
+    assert mirroring(np.array([0.0, 0.0, -1.0])) is None  # right behind: only the rim mirrors it
