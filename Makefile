@@ -62,9 +62,7 @@ figures: setup   ## the paper's figures on MAPS and SEQUENCES, into docs/figures
 	$(BIN)/python benchmarks/docs_figures.py figures-output docs
 
 test: setup      ## all tests, a file of them on each core at a time
-	$(BIN)/python -m pytest -n auto --dist loadfile --ignore=tests/viewer
-	# a process for each file with windows: Dear ImGui can crash where one follows those of another
-	ls tests/viewer/test_*.py | xargs -n 1 -P $$(nproc) $(BIN)/python -m pytest -p no:cacheprovider
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-fast: setup ## the tests of less than ten seconds each
 	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'

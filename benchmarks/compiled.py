@@ -17,7 +17,7 @@ from unittest import mock
 import torch
 from torch import Tensor
 
-from asglight.cli.parser import one_line
+from asglight.cli.options.parser import one_line
 from asglight.errors import InputError
 from asglight.fitting import compiled
 from asglight.fitting.first_frame import seeding

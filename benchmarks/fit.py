@@ -23,7 +23,7 @@ import fit_measures
 import fit_tables
 import torch
 
-from asglight.cli.parser import Parser, one_line
+from asglight.cli.options.parser import Parser, one_line
 from asglight.cli.progress import reporter
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from torch import Tensor
 
-from asglight.cli.parser import one_line
+from asglight.cli.options.parser import one_line
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import read_latlong

@@ -38,9 +38,9 @@ PARTS: dict[str, tuple[str, ...]] = {
     "leaving out": ("asglight.shots.tracks.simplified",),
     "preroll": ("asglight.shots.rounds.start_of",),
     "checkpoint": (
-        "asglight.shots.checkpoint.Checkpoint.__init__",
-        "asglight.shots.checkpoint.Checkpoint.append",
-        "asglight.shots.checkpoint.Checkpoint.remove",
+        "asglight.shots.kept.checkpoint.Checkpoint.__init__",
+        "asglight.shots.kept.checkpoint.Checkpoint.append",
+        "asglight.shots.kept.checkpoint.Checkpoint.remove",
     ),
     "condition report": ("asglight.shots.job.with_condition",),
     "USD, with its lint": ("asglight.shots.job.write_stage",),

@@ -21,7 +21,7 @@ from fit import find_maps, find_sequences
 from fit_measures import compare, read_map
 from torch import Tensor
 
-from asglight.cli.parser import one_line
+from asglight.cli.options.parser import one_line
 from asglight.errors import InputError
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.fitting.sequence import fit_frame

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pxr import Usd, UsdValidation
 
-from asglight.cli.built_in import environment
+from asglight.cli.sources.built_in import environment
 from asglight.fitting.options import FitOptions, Preset
 from asglight.images import write_exr
 from asglight.lobes import Form

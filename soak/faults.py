@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from asglight.images import write_exr
-from asglight.shots.records import parse_line
+from asglight.shots.kept.records import parse_line
 from soak.shot import FRAMES, Run, files, new_folder, results, sky, write_shot
 
 REFUSED, INTERRUPTED = 2, 130

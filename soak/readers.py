@@ -16,7 +16,7 @@ from asglight.images.decoding.decode import read_header
 from asglight.images.decoding.decoders import APART
 from asglight.images.options import ReadOptions
 from asglight.lobes import Lobes
-from asglight.shots.checkpoint import Checkpoint
+from asglight.shots.kept.checkpoint import Checkpoint
 from asglight.shots.watching import ShotWatch
 from asglight.usd import read_usd
 from asglight.usd.read.read_options import read_options

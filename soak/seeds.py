@@ -20,8 +20,8 @@ from asglight.fitting.options import FitOptions
 from asglight.images import Repair, write_exr
 from asglight.images.exr_writer import COMPRESSIONS
 from asglight.lobes import Form, Lobes, LobeTracks
-from asglight.shots.checkpoint import Checkpoint, header_of
-from asglight.shots.records import FrameRecord
+from asglight.shots.kept.checkpoint import Checkpoint, header_of
+from asglight.shots.kept.records import FrameRecord
 from asglight.shots.settings import options_as_json
 from asglight.usd import write_usd
 

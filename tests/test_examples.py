@@ -7,14 +7,14 @@ import socket
 import struct
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 from usd_tracks import moving
 
 from asglight.export.frame_line import frame_line
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = ROOT / "examples"
 SHOT = moving(range(1001, 1003))
 LINES = [frame_line(SHOT.at(frame), SHOT.names, frame=frame) for frame in SHOT.frames]
 

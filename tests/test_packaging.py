@@ -6,7 +6,7 @@ import sys
 import zipfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from places import ROOT
 
 
 def test_the_wheel_holds_shaders_schema_and_viewer(tmp_path: Path) -> None:

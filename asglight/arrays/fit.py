@@ -14,7 +14,7 @@ from asglight.shots.conditioning import with_condition
 from asglight.shots.events import OnProgress, Started, ignore
 from asglight.shots.frames import frame_done
 from asglight.shots.job import form_named, preset_named
-from asglight.shots.records import FrameRecord
+from asglight.shots.kept.records import FrameRecord
 from asglight.shots.refining import refined_by
 from asglight.shots.settings import check_fps, check_options
 from asglight.shots.tracks import tracks_of

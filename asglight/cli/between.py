@@ -9,9 +9,9 @@ from typing import Any
 
 from fileseq import framesToFrameRange
 
+from asglight.cli.options.reading import read_options
 from asglight.cli.printing import counted, table
 from asglight.cli.progress import Reporter
-from asglight.cli.reading import read_options
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset, form_of
 from asglight.images import Sequence, open_sequence

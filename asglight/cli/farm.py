@@ -5,10 +5,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from asglight.cli.options.reading import read_options
+from asglight.cli.options.stage_options import given_stage_options
 from asglight.cli.printing import counted, frame_range, print_json
 from asglight.cli.progress import reporter
-from asglight.cli.reading import read_options
-from asglight.cli.stage_options import given_stage_options
 from asglight.errors import InputError
 from asglight.fitting.options import FitOptions
 from asglight.images import open_sequence

@@ -4,7 +4,7 @@
 import sys
 from typing import TYPE_CHECKING
 
-from asglight.cli.parser import one_line
+from asglight.cli.options.parser import one_line
 from asglight.cli.printing import summed_up
 from asglight.errors import InputError
 from asglight.images.frame_files import frame_set, ranges

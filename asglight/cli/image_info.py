@@ -5,9 +5,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from asglight.cli.opening import stage_of
+from asglight.cli.options.reading import read_options
 from asglight.cli.printing import counted, frame_range, print_json
-from asglight.cli.reading import read_options
+from asglight.cli.sources.opening import stage_of
 from asglight.errors import InputError
 from asglight.images.account import image_words, read_as, warning_lines
 from asglight.images.message import shown

@@ -4,7 +4,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from asglight.cli.reading import read_options
+from asglight.cli.options.reading import read_options
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
 

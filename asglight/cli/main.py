@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from types import ModuleType
 
 from asglight import __version__
-from asglight.cli.parser import Parser, one_line
+from asglight.cli.options.parser import Parser, one_line
 from asglight.errors import InputError
 
 COMMANDS = {

@@ -16,9 +16,9 @@ from asglight.images import Sequence
 from asglight.images.message import shown
 from asglight.lobes import Lobes
 from asglight.shots.events import FrameDone, OnProgress, StepDone
-from asglight.shots.kept_frames import KeptFrames
+from asglight.shots.kept.kept_frames import KeptFrames
+from asglight.shots.kept.records import FrameRecord, own_frames
 from asglight.shots.reading import ReadFrame, read_ahead
-from asglight.shots.records import FrameRecord, own_frames
 
 RADIANCE_MAX = 1e36
 """A texel of it may become a lobe of four times its radiance, whose lights `write_usd` still takes.

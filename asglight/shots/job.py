@@ -20,14 +20,14 @@ from asglight.images.options import LOST_MAX, Eye, ReadOptions
 from asglight.images.sequence import Missing
 from asglight.lobes import Form, LobeTracks
 from asglight.lobes.naming import named_as
-from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
 from asglight.shots.conditioning import with_condition
 from asglight.shots.events import Notice, OnProgress, ignore
-from asglight.shots.kept_frames import SUFFIX as FRAMES_SUFFIX
-from asglight.shots.kept_frames import KeptFrames
+from asglight.shots.kept.checkpoint import SUFFIX, Checkpoint, header_of
+from asglight.shots.kept.kept_frames import SUFFIX as FRAMES_SUFFIX
+from asglight.shots.kept.kept_frames import KeptFrames
+from asglight.shots.kept.records import FrameRecord
 from asglight.shots.parts.preroll import Followed, check_preroll
 from asglight.shots.reading import stamp_of
-from asglight.shots.records import FrameRecord
 from asglight.shots.rounds import InMemory, fitted_shot, is_read_again
 from asglight.shots.settings import (
     check_fps,

@@ -21,8 +21,8 @@ from asglight.images import Sequence
 from asglight.images.message import shown
 from asglight.lobes.data import stack
 from asglight.shots.events import OnProgress, Refined
-from asglight.shots.kept_frames import KeptFrames
-from asglight.shots.records import FrameRecord, own_frames, places_of
+from asglight.shots.kept.kept_frames import KeptFrames
+from asglight.shots.kept.records import FrameRecord, own_frames, places_of
 from asglight.threads import one_thread
 
 

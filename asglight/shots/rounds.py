@@ -10,9 +10,9 @@ from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 from asglight.shots.events import Notice, OnProgress, Started
 from asglight.shots.frames import OnImage, fit_frames, frame_done, no_image
-from asglight.shots.kept_frames import KeptFrames
+from asglight.shots.kept.kept_frames import KeptFrames
+from asglight.shots.kept.records import FrameRecord, own_frames
 from asglight.shots.parts.preroll import Followed, start_of
-from asglight.shots.records import FrameRecord, own_frames
 from asglight.shots.refining import is_refined, refined
 from asglight.shots.tolerance import Accuracy, Worst, fewest_lobes, more_lobes, worst
 

@@ -23,7 +23,7 @@ from asglight.fitting.sequence import fit_frame
 from asglight.images import Sequence
 from asglight.lobes import Lobes
 from asglight.shots.events import OnProgress, Searched
-from asglight.shots.kept_frames import KeptFrames
+from asglight.shots.kept.kept_frames import KeptFrames
 from asglight.threads import one_thread
 
 SEARCHED_FRAMES = 5

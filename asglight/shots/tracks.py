@@ -21,8 +21,8 @@ from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
 from asglight.lobes.heirs import inherited
 from asglight.lobes.naming import by_energy
+from asglight.shots.kept.records import FrameRecord, own_frames, places_of
 from asglight.shots.leaving_out import account, simplified
-from asglight.shots.records import FrameRecord, own_frames, places_of
 from asglight.shots.settings import options_as_json
 from asglight.shots.tolerance import Accuracy, worst
 

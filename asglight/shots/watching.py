@@ -9,8 +9,8 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.lobes.growing import GrowingTracks
-from asglight.shots.checkpoint import FORMAT_VERSION, SUFFIX
-from asglight.shots.records import from_json, number, parse_line, whole
+from asglight.shots.kept.checkpoint import FORMAT_VERSION, SUFFIX
+from asglight.shots.kept.records import from_json, number, parse_line, whole
 
 
 class ShotWatch:

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from asglight.cli.folders import made_folder, write_json
-from asglight.cli.parser import one_line
+from asglight.cli.options.parser import one_line
 from asglight.errors import InputError
 from asglight.judging.machine import machine
 from benchmarks.command import gate

@@ -18,7 +18,7 @@ from typing import Any
 import torch
 
 from asglight.cli.folders import made_folder, write_json, write_text
-from asglight.cli.parser import one_line
+from asglight.cli.options.parser import one_line
 from asglight.errors import InputError
 from asglight.judging.machine import machine
 from benchmarks.gpu.plan import DEADLINE, MEASURES

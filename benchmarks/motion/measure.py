@@ -20,7 +20,7 @@ from typing import Any
 import torch
 from fileseq import framesToFrameRange
 
-from asglight.cli.parser import one_line
+from asglight.cli.options.parser import one_line
 from asglight.cli.progress import Reporter, reporter
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT, LOBES, Preset

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sky_files
+from places import ROOT
 
 import asglight
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
+PAGE = ROOT / "docs" / "python.md"
 
 
 def test_the_page_runs_and_gives_the_shapes_that_it_says(

@@ -12,7 +12,7 @@ import sky_files
 import torch
 
 from asglight.cli.main import main
-from asglight.shots.checkpoint import Checkpoint, header_of
+from asglight.shots.kept.checkpoint import Checkpoint, header_of
 
 
 @pytest.fixture(scope="module")

@@ -19,9 +19,10 @@ import torch
 from usd_tracks import moving
 
 from asglight.arrays import feeds
-from asglight.cli import built_in, farm, opening
+from asglight.cli import farm
 from asglight.cli.commands import bench, compare, demo, evaluate, figures, stress
 from asglight.cli.main import COMMANDS, _parser, main
+from asglight.cli.sources import built_in, opening
 from asglight.errors import InputError
 from asglight.judging.stress import run as stress_run
 from asglight.shots import job

@@ -148,7 +148,7 @@ def test_a_disk_that_fills_up_is_one_line_and_the_fit_resumes(
 
 
 def test_a_second_fit_of_the_same_output_is_refused(source: Path, tmp_path: Path) -> None:
-    from asglight.shots.checkpoint import Checkpoint, header_of
+    from asglight.shots.kept.checkpoint import Checkpoint, header_of
 
     with Checkpoint(tmp_path / "shot.usda.checkpoint", header_of({}), resume=False):
         second = commands.run_asglight("fit", source, "-o", tmp_path / "shot.usda")

@@ -10,7 +10,7 @@ import torch
 
 import asglight
 from asglight.cli import main as cli
-from asglight.cli import parser
+from asglight.cli.options import parser
 from asglight.errors import InputError
 
 

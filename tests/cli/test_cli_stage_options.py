@@ -11,7 +11,7 @@ from pxr import Usd, UsdLux
 
 from asglight import read_usd
 from asglight.cli.main import main
-from asglight.cli.opening import Request, opened
+from asglight.cli.sources.opening import Request, opened
 from asglight.lobes import asg
 from asglight.usd.options import StageOptions
 from asglight.usd.read.read_options import read_options

@@ -2,15 +2,15 @@
 """The host of docs/export.md works as it is written there."""
 
 import re
-from pathlib import Path
 
 import moderngl
 import numpy as np
+from places import ROOT
 from usd_tracks import moving
 
 from asglight.export.environment import BLOCK, environment
 
-PAGE = Path(__file__).parents[2] / "docs" / "export.md"
+PAGE = ROOT / "docs" / "export.md"
 VERTEX = """#version 330 core
 out vec3 v_position;
 out vec3 v_normal;

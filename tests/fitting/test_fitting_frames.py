@@ -2,11 +2,11 @@
 """First frames and following: recovery, flux, identity, extremes, determinism."""
 
 import math
-from pathlib import Path
 
 import pytest
 import torch
 from lobe_cases import angle_deg, follow, lamps, sky_and_sun
+from places import SHARED
 from torch import Tensor
 
 from asglight.fitting.first_frame import seeding
@@ -19,8 +19,6 @@ from asglight.judging import following
 from asglight.judging.metrics import frame_errors, irradiance_error
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.sphere import latlong
-
-SHARED = Path(__file__).resolve().parents[3] / "shared"
 
 
 def flux_of(radiance: Tensor) -> Tensor:

@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from places import SHARED
 
 from asglight.errors import InputError
 from asglight.images import open_sequence
 from asglight.images.frame_files import frame_set, ranges
 from asglight.images.options import ReadOptions
-
-SHARED = Path(__file__).resolve().parents[3] / "shared"
 
 
 def frames_on_disk(

@@ -5,11 +5,11 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
+from places import ROOT
 from usd_tracks import of_every_kind
 
 from asglight.images import write_exr
@@ -23,8 +23,6 @@ pytestmark = [
     pytest.mark.blender,
     pytest.mark.skipif(not renderers.PYTHON.is_file(), reason="no Blender: make setup-dcc"),
 ]
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import sky_files
 import torch
+from places import ROOT
 from usd_tracks import contents, moving
 
 from asglight.cli.main import main
@@ -67,7 +68,7 @@ def test_shaders_are_the_viewers_but_for_their_head() -> None:
     assert "#define MAX_SHEETS 7" in rest
     assert "410" not in text
     assert "//" not in text
-    source = Path(__file__).resolve().parents[2] / "shaders" / "balls.frag"
+    source = ROOT / "shaders" / "balls.frag"
     lines = [re.sub(r"\s*//.*", "", line) for line in source.read_text().splitlines()]
     wanted = [line for line in lines if line.strip() and not line.startswith("#")]
     assert [line for line in rest if line in set(wanted)][-len(wanted) :] == wanted

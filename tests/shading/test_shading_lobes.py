@@ -6,11 +6,11 @@ balls under real maps lie (docs/shading.md has the table).
 """
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from places import SHARED
 
 from asglight.fitting.options import FIT_HEIGHT, FitOptions
 from asglight.fitting.sequence import fit_frame
@@ -19,7 +19,7 @@ from asglight.lobes import Form, Lobes, asg, frames
 from asglight.shading import brute_force, ggx, ggx_lobes, rectified
 from asglight.shading.sheets import amplitudes, sheets
 
-HDRI = Path(__file__).resolve().parents[3] / "shared" / "hdri"
+HDRI = SHARED / "hdri"
 VIEW = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
 CEILINGS = {0.05: 0.03, 0.1: 0.03, 0.25: 0.04, 0.35: 0.08, 0.5: 0.08, 0.7: 0.09, 1.0: 0.03}
 """Of the light of a ball, by roughness."""

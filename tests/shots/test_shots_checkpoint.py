@@ -8,9 +8,9 @@ import pytest
 import shot_files
 
 from asglight.errors import InputError
-from asglight.shots import checkpoint
-from asglight.shots.checkpoint import Checkpoint, header_of
-from asglight.shots.records import line_from
+from asglight.shots.kept import checkpoint
+from asglight.shots.kept.checkpoint import Checkpoint, header_of
+from asglight.shots.kept.records import line_from
 
 HEADER = header_of(
     {"asglight": "0.1.0", "source": "/a/sky.####.exr", "frames": [1, 2, 3], "lobes": 2}

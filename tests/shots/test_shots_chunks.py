@@ -13,8 +13,8 @@ import sky_files
 from asglight.errors import InputError
 from asglight.fitting.options import FitOptions, Preset
 from asglight.shots import fit_shot
-from asglight.shots.checkpoint import BusyError, Checkpoint, header_of
 from asglight.shots.events import Event, Notice, ignore
+from asglight.shots.kept.checkpoint import BusyError, Checkpoint, header_of
 from asglight.shots.parts import chunks
 from asglight.shots.parts.chunks import OVERLAP, Parts, Shot, cut, fit_part
 

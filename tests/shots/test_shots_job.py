@@ -17,8 +17,8 @@ from asglight.fitting.options import FitOptions
 from asglight.lobes import asg
 from asglight.lobes.data import stack
 from asglight.shots import fit_sequence, fit_shot, frames, job
-from asglight.shots.checkpoint import SUFFIX
 from asglight.shots.events import Event, FrameDone, Notice, Refined, Started, StepDone
+from asglight.shots.kept.checkpoint import SUFFIX
 from asglight.sphere.quadrature import fibonacci_directions
 
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from asglight.errors import InputError
 from asglight.fitting.options import FitOptions, Preset
 from asglight.images import LatlongImage, Sequence, open_sequence
-from asglight.shots import job, kept_frames
-from asglight.shots.kept_frames import KeptFrames
+from asglight.shots import job
+from asglight.shots.kept import kept_frames
+from asglight.shots.kept.kept_frames import KeptFrames
 
 FRAMES = [1001, 1002, 1003, 1004]
 ROWS = 4

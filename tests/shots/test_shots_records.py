@@ -13,7 +13,7 @@ import torch
 
 from asglight.images import Repair
 from asglight.lobes import Form
-from asglight.shots.records import (
+from asglight.shots.kept.records import (
     from_json,
     line_from,
     own_frames,

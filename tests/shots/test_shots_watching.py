@@ -14,8 +14,8 @@ from asglight.errors import InputError
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import stack
 from asglight.shots import fit_shot
-from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
-from asglight.shots.records import FrameRecord, line_from, to_json
+from asglight.shots.kept.checkpoint import SUFFIX, Checkpoint, header_of
+from asglight.shots.kept.records import FrameRecord, line_from, to_json
 from asglight.shots.watching import ShotWatch
 from asglight.usd import read_usd, write_usd
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from asglight.errors import InputError
-from asglight.shots.records import parse_line
+from asglight.shots.kept.records import parse_line
 from soak import batch
 from soak.batch import Outcome, run_batch
 from soak.fuzz import as_table, fuzz, fuzz_all

@@ -3,12 +3,12 @@
 
 import importlib
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
+from places import ROOT
 
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+BENCHMARKS = ROOT / "benchmarks"
 
 
 def module(name: str) -> Any:

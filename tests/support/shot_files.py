@@ -6,7 +6,7 @@ import torch
 from asglight.fitting.options import FitOptions
 from asglight.images import Repair
 from asglight.lobes import Form, Lobes
-from asglight.shots.records import FrameRecord
+from asglight.shots.kept.records import FrameRecord
 
 OPTIONS = FitOptions(lobes=2)
 

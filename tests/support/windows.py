@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A window without a display, driven by a script of the Dear ImGui test engine."""
 
+import faulthandler
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,6 +21,8 @@ from asglight.viewer.state.viewer_state import ViewerState
 
 SIZE = (1200, 800)
 
+
+STDERR = 2
 
 WAIT_PICTURES = 600
 """Pictures to wait for a thread at most: they take milliseconds, the thread less than a second."""
@@ -102,4 +106,17 @@ def drive(tracks: LobeTracks, script: Callable[[Any, Driven], None], **options: 
             add_ons_params=immapp.AddOnsParams(with_implot=True),
         )
     finally:
+        take_signals_back()
         driven.window.raise_failure()  # the script fails as well, but this is why
+
+
+def take_signals_back() -> None:
+    """Undo the crash handlers that the test engine leaves behind.
+
+    They ask for the window's context, which is gone. One of them is for SIGPIPE, which Python
+    ignores: with it a later test that writes to a process that has ended would crash instead of
+    having a BrokenPipeError.
+    """
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    faulthandler.disable()
+    faulthandler.enable(STDERR)

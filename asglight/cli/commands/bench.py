@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from asglight.cli.folders import made_folder, write_json, write_text
 from asglight.cli.inputs import lit, open_input
-from asglight.cli.parser import add_input_options, add_json_option
+from asglight.cli.options.parser import add_input_options, add_json_option
+from asglight.cli.options.reading import given, read_options
 from asglight.cli.printing import counted, print_json, table
 from asglight.cli.progress import Reporter, reporter
-from asglight.cli.reading import given, read_options
 from asglight.errors import InputError
 from asglight.fitting.options import LOBES
 from asglight.images.message import shown

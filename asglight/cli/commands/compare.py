@@ -12,7 +12,7 @@ from rich.text import Text
 
 from asglight.cli.folders import made_folder
 from asglight.cli.inputs import lit, open_input
-from asglight.cli.parser import add_input_options, add_json_option
+from asglight.cli.options.parser import add_input_options, add_json_option
 from asglight.cli.printing import print_json, size
 from asglight.cli.progress import reporter
 from asglight.errors import InputError

@@ -10,14 +10,14 @@ from torch import Tensor
 
 from asglight.cli.commands import evaluate, fit
 from asglight.cli.folders import made_folder
-from asglight.cli.parser import add_json_option
+from asglight.cli.options.parser import add_json_option
 from asglight.cli.printing import print_json
 from asglight.cli.progress import Reporter, reporter
 from asglight.images import Sequence, open_sequence, write_exr
 from asglight.judging.metrics import SequenceErrors
 from asglight.lobes import LobeTracks, texels
 from asglight.shots import fit_shot
-from asglight.shots.checkpoint import SUFFIX
+from asglight.shots.kept.checkpoint import SUFFIX
 from asglight.sky import SkyConfig, radiance
 
 EXAMPLE = "asglight demo -o demo-output"

@@ -7,15 +7,15 @@ from typing import Any
 
 from asglight.cli import between
 from asglight.cli.frames import chosen_frames, warn_of_unread
-from asglight.cli.parser import (
+from asglight.cli.options.parser import (
     add_follow_option,
     add_input_options,
     add_json_option,
     add_rig_option,
 )
+from asglight.cli.options.reading import read_options
 from asglight.cli.printing import print_json, table
 from asglight.cli.progress import Reporter, reporter
-from asglight.cli.reading import read_options
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import Sequence, open_sequence

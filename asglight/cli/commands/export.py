@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from asglight.cli.frames import chosen_frames, warn_of_unread
-from asglight.cli.parser import add_follow_option, add_reading_options, add_rig_option
+from asglight.cli.options.parser import add_follow_option, add_reading_options, add_rig_option
+from asglight.cli.options.reading import given, read_options
 from asglight.cli.printing import counted, frame_range, size
-from asglight.cli.reading import given, read_options
 from asglight.errors import InputError
 from asglight.export import SgLayout
 from asglight.images.message import shown

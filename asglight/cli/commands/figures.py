@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from asglight.cli import built_in
 from asglight.cli.folders import made_folder, write_json, write_text
 from asglight.cli.inputs import lit, open_input
-from asglight.cli.parser import Parser, add_input_options, add_json_option
+from asglight.cli.options.parser import Parser, add_input_options, add_json_option
+from asglight.cli.options.reading import given, read_options
 from asglight.cli.printing import print_json
 from asglight.cli.progress import Reporter, reporter
-from asglight.cli.reading import given, read_options
+from asglight.cli.sources import built_in
 from asglight.errors import InputError
 from asglight.fitting.options import LOBES
 from asglight.fitting.paper import fit as paper

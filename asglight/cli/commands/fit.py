@@ -6,20 +6,20 @@ from typing import Any, get_args
 
 from asglight.cli import farm
 from asglight.cli.condition import condition_lines
-from asglight.cli.key_options import add_key_options, key_lines, key_options, with_keys
 from asglight.cli.leaving_out import left_out_lines
-from asglight.cli.parser import (
+from asglight.cli.options.key_options import add_key_options, key_lines, key_options, with_keys
+from asglight.cli.options.parser import (
     add_follow_option,
     add_input_options,
     add_json_option,
     frame_rate,
     step_pair,
 )
+from asglight.cli.options.reading import read_options
+from asglight.cli.options.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.cli.printing import counted, duration, frame_range, percent, print_json, size
 from asglight.cli.progress import reporter
-from asglight.cli.reading import read_options
 from asglight.cli.repairs import repair_line
-from asglight.cli.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.errors import InputError
 from asglight.fitting.options import (
     FORM_NAMES,

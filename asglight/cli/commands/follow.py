@@ -9,8 +9,8 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from asglight.cli.parser import add_reading_options, one_line
-from asglight.cli.reading import given, read_options
+from asglight.cli.options.parser import add_reading_options, one_line
+from asglight.cli.options.reading import given, read_options
 from asglight.errors import InputError
 from asglight.images.message import shown
 

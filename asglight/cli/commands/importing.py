@@ -5,9 +5,9 @@ import argparse
 from dataclasses import replace
 
 from asglight import __version__
-from asglight.cli.parser import add_json_option, frame_rate
+from asglight.cli.options.parser import add_json_option, frame_rate
+from asglight.cli.options.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.cli.printing import counted, frame_range, print_json, size
-from asglight.cli.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.export import SgLayout
 
 EXAMPLE = "asglight import lights.npy --from physg -o lights.usda"

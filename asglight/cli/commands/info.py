@@ -10,16 +10,16 @@ from typing import Any
 import torch
 
 from asglight.cli.condition import condition_lines
-from asglight.cli.key_options import key_lines
 from asglight.cli.leaving_out import left_out_lines
-from asglight.cli.parser import (
+from asglight.cli.options.key_options import key_lines
+from asglight.cli.options.parser import (
     add_follow_option,
     add_input_options,
     add_json_option,
     add_rig_option,
 )
+from asglight.cli.options.reading import given, read_options
 from asglight.cli.printing import counted, frame_range, print_json, size, table
-from asglight.cli.reading import given, read_options
 from asglight.cli.repairs import repair_line
 from asglight.errors import InputError
 from asglight.images.account import image_line, warning_lines

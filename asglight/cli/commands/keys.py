@@ -6,12 +6,18 @@ from dataclasses import replace
 from typing import Any
 
 from asglight.cli.commands.evaluate import check_frames
-from asglight.cli.key_options import AUTO, add_key_options, key_lines, key_options, with_keys
-from asglight.cli.parser import add_follow_option, add_input_options, add_json_option
+from asglight.cli.options.key_options import (
+    AUTO,
+    add_key_options,
+    key_lines,
+    key_options,
+    with_keys,
+)
+from asglight.cli.options.parser import add_follow_option, add_input_options, add_json_option
+from asglight.cli.options.reading import read_options as images_read
+from asglight.cli.options.stage_options import OUTPUT
 from asglight.cli.printing import counted, frame_range, print_json, size
 from asglight.cli.progress import reporter
-from asglight.cli.reading import read_options as images_read
-from asglight.cli.stage_options import OUTPUT
 from asglight.errors import InputError
 from asglight.images import open_sequence
 from asglight.usd.options import check_key_options, parse_representations

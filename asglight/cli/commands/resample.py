@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 from asglight.cli.commands.info import RESAMPLED, resampled_lines
 from asglight.cli.commands.stitch import check_apart
 from asglight.cli.frames import warn_of_unread
-from asglight.cli.parser import (
+from asglight.cli.options.parser import (
     add_follow_option,
     add_json_option,
     add_rig_option,
     frame_rate,
 )
+from asglight.cli.options.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.cli.printing import counted, frame_range, print_json, size
-from asglight.cli.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.errors import InputError
 from asglight.images.frame_files import frame_set
 from asglight.images.message import shown

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from asglight.cli.commands.info import part_lines
-from asglight.cli.parser import add_follow_option, add_json_option
+from asglight.cli.options.parser import add_follow_option, add_json_option
+from asglight.cli.options.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.cli.printing import counted, frame_range, print_json, size
-from asglight.cli.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.shots.parts.joining import Joined, join

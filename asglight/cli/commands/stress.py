@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from asglight.cli.folders import made_folder, write_json, write_text
-from asglight.cli.parser import add_json_option
+from asglight.cli.options.parser import add_json_option
 from asglight.cli.printing import print_json, table
 from asglight.cli.progress import reporter
 from asglight.errors import InputError

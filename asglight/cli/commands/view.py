@@ -8,9 +8,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from asglight.cli.opening import Request, opened, opened_in_window
-from asglight.cli.parser import add_follow_option, add_input_options, add_rig_option, one_line
-from asglight.cli.reading import read_options
+from asglight.cli.options.parser import (
+    add_follow_option,
+    add_input_options,
+    add_rig_option,
+    one_line,
+)
+from asglight.cli.options.reading import read_options
+from asglight.cli.sources.opening import Request, opened, opened_in_window
 from asglight.errors import InputError
 
 if TYPE_CHECKING:

@@ -24,10 +24,10 @@ from asglight.images import Sequence, open_sequence
 from asglight.images.message import shown
 from asglight.images.options import ReadOptions
 from asglight.images.sequence import Missing
-from asglight.shots.checkpoint import SUFFIX as CHECKPOINT_SUFFIX
-from asglight.shots.checkpoint import BusyError, check_same, open_locked
 from asglight.shots.events import Notice, OnProgress
 from asglight.shots.job import fit_shot
+from asglight.shots.kept.checkpoint import SUFFIX as CHECKPOINT_SUFFIX
+from asglight.shots.kept.checkpoint import BusyError, check_same, open_locked
 from asglight.shots.parts.preroll import Followed, follow
 from asglight.shots.reading import stamp_of
 from asglight.shots.settings import (

@@ -18,7 +18,7 @@ from asglight.images import Sequence, open_sequence
 from asglight.lobes import Lobes
 from asglight.shots.events import OnProgress, Prerolled, ignore
 from asglight.shots.frames import fit_frames
-from asglight.shots.records import FrameRecord, own_frames
+from asglight.shots.kept.records import FrameRecord, own_frames
 
 SETTLING = 8
 """Frames before a part that are followed with its own steps: with none, white balls are off by up

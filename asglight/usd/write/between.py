@@ -45,7 +45,7 @@ samples in 1,000 frames of a tunnel it adds 400, and saves half of the search.""
 
 SMALL = 5e-4
 """Changes x of log sharpness and y of log flux in a span with x (x + y) below this are within half
-of what is allowed, whatever the light (tests/usd/test_usd_between.py)."""
+of what is allowed, whatever the light (tests/usd/write/test_usd_between.py)."""
 
 LARGE = 0.5
 """Of log sharpness: spans that change by more are looked at in five places, others in three."""

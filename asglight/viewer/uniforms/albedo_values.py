@@ -10,7 +10,7 @@ from asglight.shading import ggx
 
 SIZE = 33
 """Samples of n.v and of roughness, ends included; between them linear interpolation is within
-3e-3 above n.v = 0.06 and a roughness of 0.05 (tests/viewer/test_viewer_albedo.py)."""
+3e-3 above n.v = 0.06 and a roughness of 0.05 (tests/viewer/gl/test_viewer_albedo.py)."""
 
 _COS_VIEW_MIN = 1e-3
 """Stands for n.v = 0, where the quadrature has 0/0; the albedo changes by 2e-3 between them."""

@@ -12,6 +12,7 @@ import numpy as np
 import OpenImageIO
 import pytest
 import torch
+from places import ROOT
 
 from asglight.cli.main import main
 from asglight.errors import InputError
@@ -21,8 +22,6 @@ from asglight.usd import write_usd
 from asglight.viewer import app
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.io import saving
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture

@@ -11,12 +11,12 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from places import SHARED
 
 from asglight.errors import InputError
 from asglight.images import read_latlong
 from asglight.images.options import ReadOptions
 
-SHARED = Path(__file__).resolve().parents[3] / "shared"
 LOSSLESS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "HTJ2K256", "HTJ2K32", "ZSTD")
 # The loss each format allows itself on smooth values, measured on the ramp and doubled: B44 keeps
 # 6 bits of a half's difference, DWA 45 steps of visual error, PXR24 the upper 24 bits of a float.

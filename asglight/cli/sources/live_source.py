@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
-from asglight.cli import built_in
+from asglight.cli.sources import built_in
 from asglight.errors import InputError
 from asglight.images.options import ReadOptions
 

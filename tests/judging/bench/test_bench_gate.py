@@ -8,6 +8,7 @@ from typing import Any
 
 import bench_records
 import pytest
+from places import ROOT
 
 from asglight.errors import InputError
 from asglight.judging.bench import gate as bench_gate
@@ -194,7 +195,7 @@ def test_a_run_that_asks_for_something_else_is_refused(before: dict[str, Any]) -
 
 
 def test_the_baseline_of_the_repository_is_for_a_quick_run() -> None:
-    path = Path(__file__).resolve().parents[2] / "benchmarks" / "bench-baseline.json"
+    path = ROOT / "benchmarks" / "bench-baseline.json"
     if not path.parent.is_dir():
         pytest.skip("benchmarks/ is in the repository alone")
     before = bench_gate.read_baseline(path)

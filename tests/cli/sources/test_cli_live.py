@@ -12,16 +12,17 @@ import processes
 import pytest
 import sky_files
 import torch
+from places import ROOT, SHARED
 
-from asglight.cli import built_in
-from asglight.cli.live_source import LiveJob, LiveSource
+from asglight.cli.sources import built_in
+from asglight.cli.sources.live_source import LiveJob, LiveSource
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
 from asglight.images import open_sequence
 from asglight.lobes import LobeTracks
 from asglight.shots.events import ignore
 from asglight.shots.frames import fit_frames
 
-DAY = Path(__file__).resolve().parents[3] / "shared" / "sequences" / "day"
+DAY = SHARED / "sequences" / "day"
 
 Start = Callable[[LiveJob], LiveSource]
 
@@ -188,7 +189,7 @@ VIEWER = (
 def test_the_fit_ends_with_a_viewer_that_is_killed(tmp_path: Path, how: signal.Signals) -> None:
     script = tmp_path / "viewer.py"
     script.write_text(VIEWER)
-    root = Path(__file__).resolve().parents[2]
+    root = ROOT
     viewer = subprocess.Popen(
         [sys.executable, str(script)],
         stdout=subprocess.PIPE,

@@ -9,6 +9,7 @@ import numpy as np
 import OpenEXR
 import OpenImageIO
 import pytest
+from places import ROOT
 
 from asglight.errors import InputError
 from asglight.images import read_latlong
@@ -148,7 +149,7 @@ def test_an_openexr_that_files_can_take_over_is_refused(monkeypatch: pytest.Monk
 def test_the_package_requires_an_openexr_that_files_cannot_take_over() -> None:
     import tomllib
 
-    root = Path(__file__).resolve().parents[2]
+    root = ROOT
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
     (wanted,) = [line for line in project["dependencies"] if line.startswith("OpenEXR")]
     name, _, version = wanted.partition(">=")

@@ -9,6 +9,7 @@ import pytest
 import sky_files
 import torch
 import usd_tracks
+from places import SHARED
 
 from asglight import read_usd
 from asglight.cli.main import main
@@ -36,7 +37,7 @@ WHOLE = replace(
 )
 BOUNDS = {"part.1.usda": (0, 6), "part.2.usda": (4, 9), "part.3.usda": (9, 12)}
 
-DAY = Path(__file__).resolve().parents[3] / "shared" / "sequences" / "day"
+DAY = SHARED / "sequences" / "day"
 
 
 def write_part(path: Path, start: int, stop: int, **changes: object) -> Path:

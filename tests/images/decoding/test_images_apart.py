@@ -13,6 +13,7 @@ import image_files
 import numpy as np
 import pytest
 import torch
+from places import ROOT
 from processes import is_running, wait_until
 
 from asglight.errors import InputError
@@ -166,7 +167,7 @@ def test_a_user_script_needs_no_main_guard(tmp_path: Path) -> None:
         "from asglight.images import open_sequence\n"
         "print(float(open_sequence('a.exr').read(1).radiance.mean()))\n"
     )
-    root = Path(__file__).resolve().parents[2]
+    root = ROOT
     result = subprocess.run(
         [sys.executable, script],
         capture_output=True,
@@ -206,7 +207,7 @@ def test_memory_that_cannot_be_had_is_one_line(tmp_path: Path) -> None:
     )
     # writing the compiled modules would meet the limit too
     words = [sys.executable, "-B", "-c", code]
-    root = str(Path(__file__).resolve().parents[2])
+    root = str(ROOT)
     result = subprocess.run(
         words,
         capture_output=True,

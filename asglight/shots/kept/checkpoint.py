@@ -22,7 +22,7 @@ from typing import Any, BinaryIO, Self
 from asglight.errors import InputError
 from asglight.images.frame_files import ranges
 from asglight.images.message import shown
-from asglight.shots.records import FrameRecord, from_json, line_from, parse_line, to_json
+from asglight.shots.kept.records import FrameRecord, from_json, line_from, parse_line, to_json
 
 FORMAT = "asglight checkpoint"
 FORMAT_VERSION = 4

@@ -3,11 +3,11 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from places import ROOT
 from windows import grey
 
 from asglight.errors import InputError
@@ -109,7 +109,7 @@ def test_no_two_commands_share_a_key_or_a_name() -> None:
 
 
 def test_the_manual_lists_every_key() -> None:
-    manual = (Path(__file__).resolve().parents[2] / "docs" / "viewer.md").read_text()
+    manual = (ROOT / "docs" / "viewer.md").read_text()
     for entry in COMMANDS:
         assert f"| `{entry.keys}` | {entry.name} |" in manual
 

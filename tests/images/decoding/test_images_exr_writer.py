@@ -14,6 +14,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from places import ROOT
 
 from asglight.errors import InputError
 from asglight.images import read_latlong, write_exr
@@ -149,7 +150,7 @@ def test_disk_that_runs_full_leaves_the_old_file(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=True,
-        cwd=Path(__file__).resolve().parents[2],
+        cwd=ROOT,
     )
     assert run.stdout == (
         f"{path}: cannot be written (File too large); expected a folder with room and the "

@@ -11,8 +11,8 @@ import shot_files
 import sky_files
 import torch
 
-from asglight.cli import built_in
-from asglight.cli.opening import Request, opened, stage_of
+from asglight.cli.sources import built_in
+from asglight.cli.sources.opening import Request, opened, stage_of
 from asglight.errors import InputError
 from asglight.images.options import ReadOptions
 from asglight.lobes import LobeTracks

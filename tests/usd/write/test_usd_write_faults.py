@@ -11,13 +11,12 @@ from pathlib import Path
 
 import pytest
 import torch
+from places import SUPPORT
 from usd_tracks import contents, moving, still, write_every
 
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks
 from asglight.usd import lint_stage, read_usd
-
-SUPPORT = Path(__file__).resolve().parents[1] / "support"
 
 
 def refused(*arguments, **options) -> str:

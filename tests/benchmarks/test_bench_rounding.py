@@ -15,7 +15,7 @@ from bench_scripts import script
 from elsewhere import DEVICE, watched
 from lobe_cases import KNOWN, sky_and_sun
 
-from asglight.cli import built_in
+from asglight.cli.sources import built_in
 from asglight.images import write_exr
 from asglight.lobes import Form, texels
 

@@ -14,6 +14,7 @@ import pytest
 import torch
 import windows
 from imgui_bundle import imgui
+from places import SUPPORT
 from windows import Drive, Driven, wait_for
 
 from asglight.images import write_exr
@@ -365,7 +366,7 @@ def test_edits_are_offered_after_a_crash(
     drive_stage: Callable[..., None], stage: Path, tmp_path: Path, two_lamps: LobeTracks
 ) -> None:
     kept = tmp_path / "unsaved"
-    support = Path(__file__).parents[1] / "support"
+    support = SUPPORT
     path = os.pathsep.join([str(support), os.environ.get("PYTHONPATH", "")])
     crashed = subprocess.run(
         [sys.executable, "-c", CRASH, str(stage), str(kept)],

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from torch import Tensor
 
-from asglight.cli import built_in
 from asglight.cli.commands import figures
 from asglight.cli.main import main
+from asglight.cli.sources import built_in
 from asglight.judging.paper_figures import data as paper_figures
 from asglight.sky import SkyConfig, radiance
 

@@ -317,3 +317,14 @@ def test_a_folder_for_settings_is_made(tmp_path: Path) -> None:
 
     assert settings_finding(tmp_path / "new" / "asglight") == ""
     assert list((tmp_path / "new" / "asglight").iterdir()) == []
+
+
+def test_a_write_to_a_process_that_has_ended_is_an_error_after_a_window(drive: Drive) -> None:
+    """The test engine leaves handlers of signals behind that would crash."""
+    drive(lambda test, driven: None)
+    command = [sys.executable, "-c", ""]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0) as process:
+        process.wait()
+        assert process.stdin is not None
+        with pytest.raises(BrokenPipeError):
+            process.stdin.write(b"nobody reads this")

@@ -10,12 +10,12 @@ import pytest
 import shot_files
 import torch
 
-from asglight.cli import watch_source
-from asglight.cli.opening import Request, opened
+from asglight.cli.sources import watch_source
+from asglight.cli.sources.opening import Request, opened
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import stack
-from asglight.shots.checkpoint import SUFFIX, Checkpoint, header_of
+from asglight.shots.kept.checkpoint import SUFFIX, Checkpoint, header_of
 from asglight.usd import read_usd, write_usd
 from asglight.viewer.state.session import Session
 

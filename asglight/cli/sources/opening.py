@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from asglight.cli import built_in
-from asglight.cli.live_source import LiveJob, LiveSource
+from asglight.cli.options.reading import given
 from asglight.cli.printing import summed_up
-from asglight.cli.reading import given
+from asglight.cli.sources import built_in
+from asglight.cli.sources.live_source import LiveJob, LiveSource
 from asglight.errors import InputError
 from asglight.images.options import ReadOptions
 
@@ -172,14 +172,14 @@ def findings_line(reading: "Reading") -> str:
 
 def checkpoint_of(stage: Path) -> Path:
     """Return the file that a fit grows until the stage is written."""
-    from asglight.shots.checkpoint import SUFFIX
+    from asglight.shots.kept.checkpoint import SUFFIX
 
     return stage.with_name(stage.name + SUFFIX)
 
 
 def _watched(stage: Path) -> "tuple[TrackSource, LobeTracks]":
     """Watch the fit of a stage; return its source and a timeline without lobes."""
-    from asglight.cli.watch_source import WatchSource
+    from asglight.cli.sources.watch_source import WatchSource
     from asglight.images.message import shown
     from asglight.viewer.state.session import no_lobes
 
