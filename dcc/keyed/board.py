@@ -33,7 +33,8 @@ ACROSS = (0.35, 0.45)
 """Where its softness is measured, likewise."""
 
 BASE = 0.25
-"""Farther from the shadow's middle a profile is what the post takes of the light from all around."""
+"""In metres: farther from the shadow's middle a profile is what the post takes of the light of all
+directions."""
 
 PLATEAU = 0.3
 """Of the post's width: where the shadow of a lamp is deepest."""
@@ -63,12 +64,15 @@ def frame(key: Array) -> Array:
     Args:
         key: Direction to the light.  [3]
     """
-    beside = np.cross(key, np.eye(3)[np.abs(key).argmin()])
-    normal = key + beside / np.linalg.norm(beside)
-    normal /= np.linalg.norm(normal)
-    right = -(key - (key @ normal) * normal)
-    right /= np.linalg.norm(right)
+    least = np.eye(3)[np.abs(key).argmin()]
+    beside = _unit(np.asarray(np.cross(key, least), dtype=np.float64))
+    normal = _unit(key + beside)
+    right = _unit((key @ normal) * normal - key)
     return np.stack([right, np.cross(normal, right), normal])
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector), dtype=np.float64)
 
 
 def measured(board: Array, with_post: Array) -> Shadow:

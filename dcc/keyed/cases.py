@@ -30,7 +30,8 @@ class Case:
         name: Of its images.
         stage: The stage.
         frames: Those that are rendered.
-        images: The image of each.
+        images: Of each what the stage was made of: the image as asglight reads it. Images may hold
+            negative texels, which filters leave beside lamps; Cycles takes their light away.
         key: Direction to the key with most light in the first of them.  [3]
     """
 
@@ -52,6 +53,7 @@ def case(source: Path, output: Path, count: int = FRAMES) -> Case:
     Raises:
         InputError: There are no such images, or they have no lamp.
     """
+    (output / "images").mkdir(parents=True, exist_ok=True)
     stage = output / f"{source.stem}.usda"
     options = StageOptions(representations=("keys",))
     fit_shot(
@@ -70,11 +72,14 @@ def case(source: Path, output: Path, count: int = FRAMES) -> Case:
     chosen = [len(every) // 2] if count == 1 else np.linspace(0, len(every) - 1, count).round()
     places = sorted({int(place) for place in chosen})
     frames = tuple(every[place] for place in places)
-    files = open_sequence(source).source.files
+    images = []
+    for frame in frames:
+        images.append(output / "images" / f"{source.stem}.{frame:04d}.exr")
+        write_exr(images[-1], open_sequence(source).read(frame).radiance, half=False)
     lobes = keys.tracks.lobes[places[0]]
     strongest = int(asg.flux(lobes).sum(-1).argmax())
     key = lobes.axis_z[strongest].double().numpy()
-    return Case(source.stem, stage, frames, tuple(files[frame] for frame in frames), key)
+    return Case(source.stem, stage, frames, tuple(images), key)
 
 
 def built_in(output: Path) -> Case:

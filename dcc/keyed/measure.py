@@ -136,7 +136,7 @@ def _shown(one: Case, output: Path) -> Iterator[tuple[str, Path, tuple[int, ...]
     """Give what is imported: which light, a stage, its frames, rows of its world, and a name."""
     keys = read_keys(one.stage)
     assert keys is not None
-    yield KEYED, one.stage, one.frames, shots.rows_of(Path(keys.rest[0])), "keyed"
+    yield KEYED, one.stage, one.frames, shots.rows_of(Path(keys.rest.images[0])), "keyed"
     for frame, image in zip(one.frames, one.images, strict=True):
         stage = stages.original(image, output / "renders" / f"{one.name}-{frame}.usda")
         yield ORIGINAL, stage, (frame,), shots.rows_of(image), f"original-{frame}"
@@ -231,7 +231,9 @@ def failures(found: Sequence[Row], shadows: Sequence[Shadows]) -> list[str]:
             lines.append(f"{one.shot}: shadow turned by {turn:.2f} degrees")
         soft, wanted = one.keyed.softness_deg, one.original.softness_deg
         if abs(soft - wanted) > max(SOFTNESS_LIMIT * wanted, SOFTNESS_TEXELS * one.texel_deg):
-            lines.append(f"{one.shot}: edges of the shadow {soft:.2f}, of the HDRI {wanted:.2f} degrees")
+            lines.append(
+                f"{one.shot}: edges of the shadow {soft:.2f}, of the HDRI {wanted:.2f} degrees"
+            )
     return lines
 
 

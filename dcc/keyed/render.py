@@ -40,8 +40,10 @@ def main(path: str) -> None:
         blender_render.set_cycles(made, job["samples"])
         made.world.cycles.sampling_method = "MANUAL"
         made.world.cycles.sample_map_resolution = 4 * job["rows"]
-        values = {"boards": boards(made, job)} if "board" in job else {"balls": balls(made, job)}
-        np.savez(job["out"], version=bpy.app.version_string, **values)
+        if "board" in job:
+            np.savez(job["out"], version=bpy.app.version_string, boards=boards(made, job))
+        else:
+            np.savez(job["out"], version=bpy.app.version_string, balls=balls(made, job))
     bpy.ops.preferences.addon_disable(module=render.ADDON)
 
 
@@ -52,9 +54,7 @@ def balls(made: bpy.types.Scene, job: dict) -> np.ndarray:
     for time in job["times"]:
         made.frame_set(math.floor(time))
         count, views = len(job["roughnesses"]), list(scene.VIEWS)
-        found.append(
-            blender_render.row_pictures(made, count, job["size"], job["seeds"], views)
-        )
+        found.append(blender_render.row_pictures(made, count, job["size"], job["seeds"], views))
     return np.array(found)
 
 

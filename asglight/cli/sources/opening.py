@@ -6,7 +6,7 @@ Rooms are loaded by whoever needs them: `asglight view --help` needs none.
 
 import contextlib
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from asglight.lobes import LobeTracks
-    from asglight.usd import Reading
+    from asglight.usd import Keys, Reading
     from asglight.viewer.state.session import Session
     from asglight.viewer.state.source import TrackSource
 
@@ -135,10 +135,12 @@ def _stage(stage: Path, request: Request) -> "Session":
     """Open a stage, or watch the fit that will write it."""
     from asglight.images.message import shown
     from asglight.viewer.reference.images import open_reference, whole_sequence
-    from asglight.viewer.state.session import Session
+    from asglight.viewer.reference.rest import Keyed, open_rest
+    from asglight.viewer.state.session import Session, no_lobes
     from asglight.viewer.state.source import FixedSource
     from asglight.viewer.state.viewer_state import ViewerState
 
+    keyed: Keyed | None = None
     with contextlib.ExitStack() as on_failure:
         if not os.path.exists(stage) and os.path.exists(checkpoint_of(stage)):
             source, tracks = _watched(stage)
@@ -146,10 +148,17 @@ def _stage(stage: Path, request: Request) -> "Session":
             from asglight.usd import read_stage
 
             reading = read_stage(stage, request.rig)
-            tracks = reading.tracks
-            source = FixedSource(tracks, findings_line(reading))
+            tracks, said = reading.tracks, findings_line(reading)
+            keys = shown_keys(stage, request.rig)
+            if keys is not None:
+                keyed = Keyed(open_rest(keys.rest), tracks)
+                on_failure.callback(keyed.close)
+                tracks = keys.tracks or no_lobes(keys.times, tracks.fps)
+                said = findings_line(replace(reading, changes=keys.changes))
+            source = FixedSource(tracks, said)
         on_failure.callback(source.close)
         state = ViewerState(tracks)
+        state.keyed = keyed
         reference = None
         if request.reference is not None:
             whole = whole_sequence(request.reference, tracks.frames)
@@ -162,6 +171,16 @@ def _stage(stage: Path, request: Request) -> "Session":
     if reference is not None:
         state.compare_with(reference)
     return Session(state, source, shown(stage.name), stage)
+
+
+def shown_keys(stage: Path, rig: str | None) -> "Keys | None":
+    """Return the keys of a stage that shows them; None of one that shows something else."""
+    from asglight.usd import read_keys
+    from asglight.usd.options import Representation
+    from asglight.usd.stage import representations_of
+
+    shows, _ = representations_of(stage, rig)
+    return read_keys(stage, rig) if shows == Representation.KEYS else None
 
 
 def findings_line(reading: "Reading") -> str:

@@ -192,6 +192,11 @@ class Integral:
         return self._pass.texture
 
     @property
+    def samples(self) -> int:
+        """Samples of each pixel in the picture so far."""
+        return self._pass.samples
+
+    @property
     def progress(self) -> float:
         """Share of the samples that make a finished picture."""
         return self._pass.samples / self._pass.target_samples

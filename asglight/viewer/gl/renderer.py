@@ -11,6 +11,7 @@ from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.gl.compare import ball_errors
 from asglight.viewer.gl.draft import Draft, Stopwatch
+from asglight.viewer.gl.keyed import KeyedBalls, KeyedMap
 from asglight.viewer.gl.layers import (
     Background,
     ClosedForm,
@@ -55,6 +56,8 @@ class Renderer:
         self._albedo_table = albedo_table(context)
         self._closed_form = ClosedForm(context, self._albedo_table)
         self._lobes_map = LobesMap(context)
+        self._keyed_map = KeyedMap(context)
+        self._keyed_balls: KeyedBalls | None = None
         self._reference_map = ReferenceMap(context)
         self._display = DisplayPass(context)
         self._blank = context.texture((1, 1), 4, bytes(16), dtype="f4")
@@ -116,15 +119,20 @@ class Renderer:
 
     def map(self, state: ViewerState, size: tuple[int, int]) -> moderngl.Framebuffer:
         """Bring the picture of the latlong panel up to date; arguments as of `balls`."""
+        lights_map = self._map_of(state)
         if state.shown_map is not Comparison.REFERENCE:
-            self._lobes_map.draw(state)
+            lights_map.draw(state)
         reference = None if state.references is None else Picture(self._blank)
         if state.reference_image is not None:
             self._reference_map.upload(state.reference_image)
             reference = Picture(self._reference_map.texture)
-        pair = Picture(self._lobes_map.texture), reference
-        versions = self._lobes_map.version, self._reference_map.version
+        pair = Picture(lights_map.texture), reference
+        versions = lights_map.version, self._reference_map.version
         return self._bring("map", state, state.shown_map, pair, versions, size)
+
+    def _map_of(self, state: ViewerState) -> LobesMap | KeyedMap:
+        """Return the map of the lights."""
+        return self._lobes_map if state.keyed is None else self._keyed_map
 
     @property
     def shown_balls(self) -> moderngl.Framebuffer:
@@ -204,13 +212,12 @@ class Renderer:
         elif shown is Comparison.WIPE:
             at = round(state.compared.wipe * fit.shape[1])
             picture = np.concatenate([fit[:, :at], reference[:, at:]], axis=1)
+        elif shown is Comparison.RATIO:
+            picture = fit / np.maximum(reference, np.finfo(np.float32).tiny)
+        elif shown is Comparison.DIFFERENCE:
+            picture = fit - reference
         else:
-            picture = {
-                Comparison.FIT: fit,
-                Comparison.REFERENCE: reference,
-                Comparison.DIFFERENCE: fit - reference,
-                Comparison.RATIO: fit / np.maximum(reference, np.finfo(np.float32).tiny),
-            }[shown]
+            picture = fit if shown is Comparison.FIT else reference
         return picture * np.float32(2.0**state.environment.intensity_ev)
 
     def _pair(self, state: ViewerState, size: tuple[int, int]) -> tuple[Picture, Picture | None]:
@@ -221,6 +228,8 @@ class Renderer:
         self.reference_progress = 1.0
         if image is not None and subject is Subject.FIT:
             front = self._integral(state, size, image, of_lobes=True)
+        elif state.keyed is not None:
+            front = self._of_keys(state, size)
         else:
             self._closed_form.draw(state, size)
             front = self._closed_form.texture
@@ -229,11 +238,20 @@ class Renderer:
             return fit, None
         if image is None or not self.displayed:
             # The first picture does not wait for the reference's shader.
-            self.reference_progress = 1.0 if image is None else 0.0
+            if image is not None:
+                self.reference_progress = 0.0
             return fit, Picture(self._blank, self._blank)
         of_lobes = subject is Subject.SHADING
         reference = self._integral(state, size, image, of_lobes=of_lobes)
         return fit, Picture(reference, of_fit if of_lobes else of_reference)
+
+    def _of_keys(self, state: ViewerState, size: tuple[int, int]) -> moderngl.Texture:
+        """Add samples to the balls under keys and rest, and return them."""
+        if self._keyed_balls is None:
+            self._keyed_balls = KeyedBalls(self._context, self._albedo_table)
+        self._keyed_balls.draw(state, self._closed_form, size)
+        self.reference_progress = self._keyed_balls.progress
+        return self._keyed_balls.texture
 
     def _integral(
         self, state: ViewerState, size: tuple[int, int], image: np.ndarray, *, of_lobes: bool
@@ -248,6 +266,9 @@ class Renderer:
                 self._lobes_image = key, lit_map(state.lit_lobes)
             image = self._lobes_image[1]
             name = "lobes", key
+            if state.keyed is not None:
+                self._keyed_map.draw(state)
+                image, name = self._keyed_map.image, ("keys", key, Held(self._keyed_map.image))
         layer = self._integrals[of_lobes]
         layer.draw(state, image, name, size)
         self.reference_progress = min(self.reference_progress, layer.progress)
@@ -258,9 +279,10 @@ class Renderer:
     ) -> tuple[moderngl.Texture | None, moderngl.Texture | None]:
         if not state.environment.is_shown:
             return None, None
-        self._lobes_map.draw(state)
+        lights_map = self._map_of(state)
+        lights_map.draw(state)
         first, second = self._backgrounds
-        first.draw(state, self._lobes_map.texture, self._lobes_map.version, size)
+        first.draw(state, lights_map.texture, lights_map.version, size)
         if image is None:
             return first.texture, None
         self._reference_map.upload(image)
@@ -277,7 +299,8 @@ class Renderer:
         return texel[:3] / texel[3] if texel[3] > 0 else None
 
     def _versions(self) -> tuple[int, ...]:
-        layers = (self._closed_form, *self._backgrounds, *self._integrals.values())
+        keyed = () if self._keyed_balls is None else (self._keyed_balls,)
+        layers = (self._closed_form, *keyed, *self._backgrounds, *self._integrals.values())
         return tuple(layer.version for layer in layers)
 
     def _bring(

@@ -12,7 +12,7 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.images.output import written_beside
 from asglight.lobes import LobeTracks
-from asglight.usd import write_edit_layer
+from asglight.usd import write_edit_layer, write_key_edits
 from asglight.viewer.state.edits import Edit
 from asglight.viewer.state.session import Session
 
@@ -25,18 +25,22 @@ class Edited(NamedTuple):
         tracks: The tracks with their edits.
         lobes: Indices of the lobes that were edited.
         edits: The edits that the tracks hold.
+        are_keys: Whether the lobes are keys of the stage.
     """
 
     stage: Path | None
     tracks: LobeTracks
     lobes: tuple[int, ...]
     edits: tuple[Edit, ...]
+    are_keys: bool = False
 
 
 def edited(session: Session) -> Edited:
     """Return what a session has edited."""
-    history = session.state.history
-    return Edited(session.stage, history.saved_tracks, history.edited_lobes, history.edits)
+    history, are_keys = session.state.history, session.state.keyed is not None
+    return Edited(
+        session.stage, history.saved_tracks, history.edited_lobes, history.edits, are_keys
+    )
 
 
 def check_can_save(session: Session) -> None:
@@ -72,7 +76,8 @@ def save_edits(edits: Edited, path: Path) -> None:
         InputError: The layer cannot be written.
     """
     assert edits.stage is not None  # as check_can_save has seen
-    write_edit_layer(path, edits.stage, edits.tracks, edits.lobes)
+    write = write_key_edits if edits.are_keys else write_edit_layer
+    write(path, edits.stage, edits.tracks, edits.lobes)
 
 
 def display_pixels(target: moderngl.Framebuffer) -> np.ndarray:

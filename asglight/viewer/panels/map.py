@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import torch
-from imgui_bundle import ImVec2, imgui
+from imgui_bundle import ImVec2, ImVec4, imgui
 
 from asglight.lobes import Lobes
 from asglight.sphere import latlong
@@ -15,7 +15,7 @@ from asglight.viewer.state.commands import command
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.picking import pick
 from asglight.viewer.state.viewer_state import Outlines, Probe, ViewerState
-from asglight.viewer.uniforms import outlines
+from asglight.viewer.uniforms import key_cards, outlines
 
 CLICK_POINTS = 4.0
 """As far from a small lobe a click still means it."""
@@ -23,6 +23,9 @@ CLICK_POINTS = 4.0
 STILL_EM = 0.7
 """Heights of the font by which a pressed pointer has to move before it turns a lobe: a hand
 trembles by a few points, with a pen by more."""
+
+_KEY, _SHADOW = ImVec4(1.0, 1.0, 1.0, 0.9), ImVec4(0.0, 0.0, 0.0, 0.7)
+"""Of the rectangles of keys: on a lamp nothing faint is seen."""
 
 
 def latlong_map(state: ViewerState, renderer: Renderer) -> None:
@@ -77,15 +80,19 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     end = ImVec2(origin.x + points[0], origin.y + points[1])
     draw.push_clip_rect(origin, end, True)
     lit = state.lit
-    for index, outline in enumerate(_outlines(Held(state.lobes))):
+    drawn = _cards if state.keyed is not None else _outlines
+    for index, outline in enumerate(drawn(Held(state.lobes))):
         is_selected = index == state.selection.lobe
         if state.outlines is Outlines.NONE or (
             state.outlines is Outlines.SELECTED and not is_selected
         ):
             continue
-        shade = widgets.ACCENT if is_selected else widgets.FAINT
+        others = widgets.FAINT if state.keyed is None else _KEY
+        shade = widgets.ACCENT if is_selected else others
         colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
         for line in outline.curves:
+            if state.keyed is not None:
+                _polyline(draw, line, origin, points, widgets.colour(_SHADOW), 4.0)
             _polyline(draw, line, origin, points, colour, 2.0 if is_selected else 1.0)
         if is_selected:
             for line in (*outline.arm_x, *outline.arm_y):
@@ -100,6 +107,12 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
 def _outlines(lobes: Held[Lobes]) -> list[outlines.Outline]:
     """Return the outlines of a frame; a thousandth of a second each, so that they are kept."""
     return outlines.outlines(lobes.value)
+
+
+@lru_cache(maxsize=2)
+def _cards(keys: Held[Lobes]) -> list[outlines.Outline]:
+    """Return the rectangles of keys, likewise."""
+    return key_cards.outlines(keys.value)
 
 
 def _polyline(
