@@ -8,7 +8,7 @@ SEQUENCES ?= ../shared/sequences
 SEQUENCES2X ?= ../shared/sequences2x
 EXTENSION = dist/asglight-blender-0.1.0.zip
 
-.PHONY: help setup setup-dcc blender-extension test-blender blender-pictures demo pictures bench bench-fit bench-motion bench-command gpu figures stress soak test test-fast test-usd test-dcc test-dcc-short \
+.PHONY: help setup setup-dcc results docs blender-extension test-blender blender-pictures demo bench bench-fit bench-motion bench-command gpu stress soak test test-fast test-usd test-dcc test-dcc-short \
   test-ball-truth dcc-picture lint format clean
 
 help:            ## list the targets
@@ -20,30 +20,21 @@ $(VENV)/.ready: pyproject.toml constraints.txt hatch_build.py asglight/c_library
 	@PYTHON=$(PYTHON) sh .ci/system-libraries
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[view,farm,report,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[view,farm,report,docs,dev]'
 	@touch $@
 
 demo: setup      ## the main job on the built-in sequence, ending in pictures (demo-output/)
 	$(BIN)/asglight demo -o demo-output
 
-pictures: setup  ## the viewer on SEQUENCES, as the README shows it (docs/images/viewer-*.png)
-	mkdir -p pictures
-	for name in day tunnel handheld; do \
-	  $(BIN)/asglight fit "$(SEQUENCES)/$$name" -o pictures/$$name.usda --resume && \
-	  $(BIN)/asglight view pictures/$$name.usda --reference "$(SEQUENCES)/$$name" \
-	    --frame 1012 --screenshot docs/images/viewer-$$name.png || exit; \
-	done
-
 bench: setup     ## error against run time, in two minutes each, held against the baseline (bench-output/)
 	$(BIN)/asglight bench "$(MAPS)/lobby.exr" "$(SEQUENCES)/tunnel" --quick -o bench-output \
 	  --gate benchmarks/bench-baseline.json
 
-stress: setup    ## stiff, extreme and broken input, measured, into docs/stress.md (stress-output/)
+stress: setup    ## stiff, extreme and broken input, measured (stress-output/)
 	$(BIN)/asglight stress -o stress-output
-	cp stress-output/stress.md docs/stress.md
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
-	$(BIN)/python benchmarks/fit.py --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
+	$(BIN)/python -m benchmarks.fits --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
 
 bench-motion: setup  ## light between frames and at them, on SEQUENCES2X and SEQUENCES (bench-motion/)
 	$(BIN)/python -m benchmarks.motion.measure --sequences "$(SEQUENCES2X)" "$(SEQUENCES)" -o bench-motion
@@ -51,15 +42,14 @@ bench-motion: setup  ## light between frames and at them, on SEQUENCES2X and SEQ
 bench-command: setup  ## whole commands as ratios, held against the baseline (command-output/); BLESS=1 renews it
 	$(BIN)/python -m benchmarks.command -o command-output $(if $(BLESS),--bless)
 
-gpu:             ## all that is measured on a GPU, in eight minutes (gpu-output/, docs/gpu.md); WHEELS=DIR without network
+gpu:             ## all that is measured on a GPU, in eight minutes (gpu-output/, docs/results/gpu.md); WHEELS=DIR without network
 	PYTHON=$(PYTHON) WHEELS="$(WHEELS)" sh .ci/gpu -o gpu-output --maps "$(MAPS)" --sequence "$(SEQUENCES)/day"
 
-figures: setup   ## the paper's figures on MAPS and SEQUENCES, into docs/figures.md (figures-output/)
-	$(BIN)/asglight figures lobes "$(MAPS)/lobby.exr" -o figures-output
-	$(BIN)/asglight figures losses "$(MAPS)/lobby.exr" -o figures-output
-	$(BIN)/asglight figures time "$(SEQUENCES)/handheld" --frames 1001-1010 -o figures-output
-	$(BIN)/asglight figures forms "$(MAPS)/lobby.exr" -o figures-output
-	$(BIN)/python benchmarks/docs_figures.py figures-output docs
+results: setup   ## every table and picture of README.md and docs/results from scratch: hours; PART=motion-tunnel for some
+	$(BIN)/python -m benchmarks.results $(PART) --maps "$(MAPS)" --sequences "$(SEQUENCES)" --sequences2x "$(SEQUENCES2X)"
+
+docs: setup      ## the pages of docs/ as a site (site/index.html), without a network
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 test: setup      ## all tests, a file of them on each core at a time
 	$(BIN)/python -m pytest -n auto --dist loadfile
@@ -100,17 +90,18 @@ test-ball-truth: setup setup-dcc  ## what judges balls, and draws them, against 
 	$(BIN)/python -m dcc.ball_truth
 	$(BIN)/python -m dcc.drawn_truth
 
-dcc-picture: setup setup-dcc  ## what Blender shows, as the README has it; after test-dcc
-	$(BIN)/python -m dcc.picture --measured dcc-output -o docs/images/dcc.png
+dcc-picture: setup setup-dcc  ## what Blender shows, one picture; after test-dcc
+	$(BIN)/python -m dcc.picture --measured dcc-output -o dcc-output/dcc.png
 
-lint: setup      ## ruff and pyright
+lint: setup      ## ruff, pyright, and the spelling of code and docs
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+	$(BIN)/codespell
 
 format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) .venv-dcc .venv-gpu gpu-output command-output demo-output dcc-output pictures bench-output bench-fit bench-motion figures-output stress-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis soak-output
+	rm -rf $(VENV) .venv-dcc .venv-gpu gpu-output command-output demo-output dcc-output bench-output bench-fit bench-motion results-output site stress-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis soak-output

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """HDR environment sequences as a few anisotropic spherical Gaussian lights, in time-sampled USD.
 
-Example:
+Examples:
     >>> import asglight
-    >>> tracks = asglight.fit_sequence("sky.####.exr", lobes=15)
-    >>> asglight.write_usd(tracks, "sky.usda")
+    >>> tracks = asglight.fit_sequence("sky.####.exr", lobes=2)
+    >>> report = asglight.write_usd(tracks, "sky.usda")
     >>> asglight.read_usd("sky.usda").frames
-    (1001, 1002, 1003)
-    >>> asglight.irradiance(tracks, normals, time=1001.5)      # [P, 3]
+    (1001, 1002)
+    >>> up = asglight.irradiance(tracks, [0.0, 1.0, 0.0], time=1001.5)  # [3]
 
-docs/python.md shows all of it.
+docs/guides/python.md shows all of it.
 
 The names load what they need when they are first used: `import asglight` alone loads neither torch
 nor pxr.

@@ -7,4 +7,11 @@ class InputError(ValueError):
 
     The message is one line: `<file or argument>: <what was found>; expected <what>. <fix>`.
     The command line prints it without a traceback and exits with 2.
+
+    Examples:
+        >>> try:
+        ...     asglight.fit_sequence("none.exr")
+        ... except asglight.InputError as error:
+        ...     print(str(error).partition(":")[0])
+        none.exr
     """

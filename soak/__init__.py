@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged files by the hundred thousand, faults at random moments, and scale (docs/soak.md)."""
+"""Damaged files, faults at random moments, and scale (docs/results/soak.md)."""

@@ -40,9 +40,11 @@ def fit(
     What is no light is repaired, and large maps are averaged down, as of files; arrays are not
     changed. Lobes are computed where the array is: a tensor on a GPU is fitted there.
 
-    Example:
-        >>> tracks = asglight.fit(numpy.load("sky.npy"))       # [H, 2 H, 3]
-        >>> asglight.write_usd(tracks, "sky.usda")
+    Examples:
+        >>> sky = np.full((8, 16, 3), 0.1, np.float32)
+        >>> sky[2, 11] = 50.0  # a lamp
+        >>> asglight.fit(sky, lobes=2, first_frame=1001).frames
+        (1001,)
 
     Args:
         radiance: Linear Rec.709, row 0 = +Y, numpy or torch: [H, 2 H, 3] of one frame, or

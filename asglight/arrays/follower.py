@@ -25,10 +25,12 @@ class Follower:
     There are two tracks for each lobe, and half of them are lit at most. A track is the same light
     as long as it is lit; one that was dark may come back as another.
 
-    Example:
-        >>> follower = asglight.Follower()
-        >>> for radiance in camera:              # [H, 2 H, 3], numpy or torch
+    Examples:
+        >>> follower = asglight.Follower(lobes=2)
+        >>> for radiance in camera:  # [H, 2 H, 3] each, numpy or torch
         ...     lobes = follower.follow(radiance)
+        >>> follower.frames
+        2
 
     Attributes:
         names: Of the tracks, for good.

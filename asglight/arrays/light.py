@@ -40,6 +40,10 @@ of a ball. Between them it is within 5e-4 above n.v = 0.06 (tests/arrays/test_ar
 def radiance(light: Light, directions: Any, time: Time = None) -> Tensor:
     """Return the radiance that comes from directions.
 
+    Examples:
+        >>> asglight.radiance(tracks, [0.0, 1.0, 0.0], 1001.5).shape  # from straight above
+        torch.Size([3])
+
     Args:
         light: Tracks or lobes.
         directions: From the point that is lit towards the light; of any length.  [..., 3]
@@ -58,7 +62,12 @@ def irradiance(light: Light, normals: Any, time: Time = None) -> Tensor:
     """Return the irradiance of surfaces that see all the light above their horizon.
 
     A matt surface shows albedo / pi times that. Closed form: within a percent of the irradiance of
-    a lobe that is cut by the horizon, exact for lobes above it (docs/shading.md).
+    a lobe that is cut by the horizon, exact for lobes above it (docs/method/shading.md).
+
+    Examples:
+        >>> normals = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+        >>> asglight.irradiance(tracks, normals, [1001, 1001.5, 1002]).shape
+        torch.Size([3, 2, 3])
 
     Args:
         light: Tracks or lobes.
@@ -76,6 +85,10 @@ def irradiance(light: Light, normals: Any, time: Time = None) -> Tensor:
 
 def latlong(light: Light, height: int = 256, time: Time = None) -> Tensor:
     """Return the light as a latlong: the mean radiance over each texel, so no lobe is missed.
+
+    Examples:
+        >>> asglight.latlong(tracks, height=16, time=1001).shape
+        torch.Size([16, 32, 3])
 
     Args:
         light: Tracks or lobes.
@@ -101,6 +114,10 @@ def balls(
     size: int = 96,
 ) -> Tensor:
     """Draw white balls, seen from +Z with +Y up, in closed form as the viewer does.
+
+    Examples:
+        >>> asglight.balls(tracks, 1001, roughness=(0.25, None), size=16).shape
+        torch.Size([2, 16, 16, 3])
 
     Args:
         light: Tracks or lobes.

@@ -50,6 +50,9 @@ class Picture:
 def plot(light: Light, time: Time = None, *, exposure: float | None = None) -> Picture:
     """Draw lobes: their map with an outline around each, and balls from glossy to matt.
 
+    Examples:
+        >>> asglight.plot(tracks, 1001.5).save("tracks.png")
+
     Args:
         light: Tracks or lobes.
         time: When; one time.

@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _start_ahead(words)
         with _without_collections(argv is None):
-            arguments = _parser(words).parse_args(words)
+            arguments = command_parser(words).parse_args(words)
         on_interrupt = arguments.on_interrupt
         status = arguments.run(arguments)
         sys.stdout.flush()
@@ -100,7 +100,7 @@ def _without_collections(is_own_process: bool) -> Iterator[None]:
         gc.enable()
 
 
-def _parser(words: list[str]) -> Parser:
+def command_parser(words: list[str]) -> Parser:
     """Return the parser, with the options of the named command only: the others stay unloaded."""
     parser = Parser(
         prog="asglight",

@@ -3,7 +3,7 @@
 
 The functions are those of shaders/, taken apart and put together for the scene. The lobes of one
 frame are constants of the text. Those of several are a uniform block, and a file of raw float32
-holds the block of each frame. docs/export.md says how to use both.
+holds the block of each frame. docs/reference/export.md says how to use both.
 
 Symbols: F frames, N lobes, M sheets (asglight.shading.sheets).
 """
@@ -64,7 +64,7 @@ _HEADER = """\
 //
 // Vectors are unit, in the world of the stage: right-handed, +Y up. Colours are linear Rec.709.
 // GLSL 3.30 core or GLSL ES 3.00: put it after #version. What begins with asg_, ASG_ or Asg is its
-// own; docs/export.md of asglight has the rest.
+// own; docs/reference/export.md of asglight has the rest.
 {block}
 #ifdef GL_ES
 precision highp float;

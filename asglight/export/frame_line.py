@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lobes of one frame of a live feed as a line of JSON. docs/export.md describes it."""
+"""The lobes of one frame of a live feed as a line of JSON (docs/reference/export.md)."""
 
 import json
 from collections.abc import Sequence

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Spherical Gaussians as the arrays of PhySG and NeRD, and back. docs/export.md describes them.
+"""Spherical Gaussians as the arrays of PhySG and NeRD, and back (docs/reference/export.md).
 
 A lobe is seven float32 numbers, a frame [N, 7], a shot [F, N, 7], in a .npy file. Both programs
 show amplitude exp(sharpness (axis . d - 1)) from a unit direction d. Read in their sources:
@@ -230,5 +230,6 @@ def _check_rows(path: Path, good: Tensor, found: str, expected: str) -> None:
 
 def _fail(path: Path, found: str, expected: str) -> NoReturn:
     raise InputError(
-        f"{shown(path)}: {found}; expected {expected}. docs/export.md describes the arrays."
+        f"{shown(path)}: {found}; expected {expected}. "
+        "docs/reference/export.md describes the arrays."
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lobe tracks as a JSON file for engines, and back. docs/export.md describes the file.
+"""Lobe tracks as a JSON file for engines, and back. docs/reference/export.md describes the file.
 
 A lobe has a quaternion, a sharpness and an amplitude. Each is one vector, or where it changes a
 list of vectors, one for each frame. Numbers are float32, written in the fewest digits that give

@@ -93,7 +93,7 @@ class FitOptions:
         """Return the same settings with every number that they leave open.
 
         The form is chosen for a still alone: flat lobes that follow lamps can lose them, and cost
-        more of irr than they gain of env (docs/fitting.md).
+        more of irr than they gain of env (docs/method/fewer-lobes.md).
 
         Args:
             frames: Of the shot.

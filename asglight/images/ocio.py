@@ -89,7 +89,7 @@ def input_space(name: str) -> ColourSpace:
         raise InputError(
             f"input colorspace: {shown(name) or 'empty'}; expected a name that OpenColorIO's "
             f"studio config has, such as ACEScg, sRGB or XYZ. Nearest: {nearest}. "
-            "docs/inputs.md lists them all."
+            "docs/reference/inputs.md lists them all."
         )
     # The numbers of a space of data are what they are: light, if the user says that they are.
     is_plain = found == NAMES[REC709] or config().isData(found)

@@ -11,7 +11,7 @@ For a direction d write x = d.axis_x, y = d.axis_y, z = d.axis_z. With sharpness
 Integrals over the sphere. In polar coordinates of the (x, y) disc, rho^2 = x^2 + y^2 and
 q(phi) = sx cos^2 phi + sy sin^2 phi, the radial integrals are closed forms of q: for the smooth
 hemisphere max(z, 0) because max(z, 0) dw = dx dy, for the sharp hemisphere through Dawson's
-function D. What is left is one periodic integral over phi. Derivations: docs/asg.md.
+function D. What is left is one periodic integral over phi. Derivations: docs/method/asg.md.
 
 Symbols: M0 integral, M1 first moment along z, Mxx, Myy, Mzz second moments, all for amplitude 1.
 """

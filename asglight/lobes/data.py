@@ -40,6 +40,10 @@ class Form(StrEnum):
 class Lobes:
     """N lobes of one form, with any leading batch shape.
 
+    Examples:
+        >>> tracks.at(1001)
+        <Lobes: 3 of form asg, 2 lit, float32 on cpu>
+
     Attributes:
         axes: Rows axis_x, axis_y, axis_z of a right-handed orthonormal frame.  [..., N, 3, 3]
         sharpness: (sx, sy), dimensionless, > 0.  [..., N, 2]
@@ -204,6 +208,10 @@ def first_unused(names: Iterable[str]) -> int:
 @dataclass(frozen=True)
 class LobeTracks:
     """N lobes followed over F frames.
+
+    Examples:
+        >>> tracks.names
+        ('lobe_00', 'lobe_01', 'lobe_02')
 
     Attributes:
         frames: Frame numbers, ascending; they are the USD time codes.

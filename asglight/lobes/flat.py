@@ -17,7 +17,7 @@ from asglight.lobes.data import Form, Lobes
 
 TERMS = ((1.0, 3.0), (2.0, -3.0), (3.0, 1.0))
 """Multiples of the sharpness, and amplitudes. One term more gains little on real maps, and costs a
-third more wherever terms are summed (docs/fitting.md)."""
+third more wherever terms are summed (docs/method/fewer-lobes.md)."""
 
 INTEGRAL = sum(weight / multiple for multiple, weight in TERMS)
 """Of a narrow lobe, of that of an asg lobe of its sharpness: a plane Gaussian's falls as 1 / s."""

@@ -32,6 +32,10 @@ def resampled(
 ) -> LobeTracks:
     """Return tracks at another rate, or faster or slower, or some of their frames.
 
+    Examples:
+        >>> asglight.resampled(tracks, fps=48).frames
+        (1001, 1002, 1003, 1004)
+
     Args:
         tracks: Lobes of F frames.
         fps: New frames per second; None for those of the tracks.

@@ -11,8 +11,8 @@ Gaussians around a direction between mirror and normal, and each blurs the sheet
 in a common tangent plane (the convolution of Xu et al. 2013), the light under the sheet is kept.
 What the Gaussians are, for every roughness and n.v, is fitted (`ggx_lobes_constants.py`).
 
-`ggx_layer.share` says how much of each, by sheet and ball alone. docs/shading.md has derivations
-and measured errors. The twin is shaders/lib/ggx_lobes.glsl.
+`ggx_layer.share` says how much of each, by sheet and ball alone. docs/method/shading.md has
+derivations and measured errors. The twin is shaders/lib/ggx_lobes.glsl.
 
 All but `radiance` and `reflected` take sheets with a dimension of points (`Sheets.over_points`) and
 broadcast. Symbols: M sheets, P points, K Gaussians of the kernel.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fitted constants of `asglight.shading.ggx_lobes`; written by benchmarks/fit_shading.py."""
+"""The fitted constants of `asglight.shading.ggx_lobes`; by benchmarks/shaded/constants.py."""
 
 KERNEL = (
     (

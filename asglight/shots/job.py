@@ -175,9 +175,10 @@ def fit_sequence(
 ) -> LobeTracks:
     """Fit lobes to a latlong image or sequence.
 
-    Example:
-        >>> tracks = asglight.fit_sequence("sky.####.exr", frames="1001-1048")
-        >>> asglight.write_usd(tracks, "sky.usda")
+    Examples:
+        >>> tracks = asglight.fit_sequence("sky.####.exr", lobes=2, frames="1001-1002")
+        >>> tracks.frames
+        (1001, 1002)
 
     Args:
         source: A file, a folder, or a pattern such as `sky.####.exr`.

@@ -18,7 +18,7 @@ from asglight.usd.options import STAGE_SUFFIXES, check_stage_name
 
 LOBES_MAX = 512
 """Time and memory of a fit grow with the square of the number of lobes: seven minutes of a core and
-3 GB for a first frame of `live` at 512 (docs/soak.md)."""
+3 GB for a first frame of `live` at 512 (docs/results/soak.md)."""
 
 SEED_MAX = 2**63 - 1
 """The largest seed that every torch generator takes."""

@@ -24,7 +24,7 @@ to the fit's precision."""
 DOME_HEIGHT = 256
 """Rows of the dome's images: texels of 0.7 degrees. With half as many, a lamp narrower than a
 texel moves so far that a ball of roughness 0.25 is 2 % off, and in Blender, which interpolates, 4 %
-(docs/dcc.md)."""
+(docs/results/dcc.md)."""
 
 _ARGUMENTS = ":SDF_FORMAT_ARGS:"
 

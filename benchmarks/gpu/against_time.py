@@ -2,7 +2,7 @@
 """Error against time on one map: `fast`, and the paper's recipe on the same device.
 
 The recipe's points are ends of whole runs with so many steps, each with the whole fall of its
-learning rate: one that is stopped early would be worse (docs/bench.md).
+learning rate: one that is stopped early would be worse (docs/results/bench.md).
 """
 
 import time

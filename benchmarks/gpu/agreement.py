@@ -5,9 +5,9 @@ import math
 from collections.abc import Iterator
 from itertools import islice
 
-from benchmarks import rounding
 from benchmarks.gpu.data import maps
 from benchmarks.gpu.rows import Given, Row
+from benchmarks.steps import rounding
 
 MAPS, LOBES, SHORT_LOBES = 3, 15, 3
 
@@ -18,7 +18,7 @@ polynomial of the direction in float32, rounds by 60,000 * 6e-8 = 3.5e-3. The pr
 steps turn each direction into the lobe's frame first and lose nothing."""
 
 FITTED = 1.5
-"""Factor of an error of a fit at most: what rounding alone does (docs/bench.md, A gate)."""
+"""Factor of an error of a fit at most: what rounding alone does (docs/results/bench.md, A gate)."""
 
 
 def measure(given: Given) -> Iterator[Row]:

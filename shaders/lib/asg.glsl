@@ -6,7 +6,7 @@
 //   FORM_ASG      max(z, 0) exp(-sx x^2 - sy y^2)    [Xu et al. 2013]
 //   FORM_BINGHAM  exp(-sx x^2 - sy y^2)              [Clausen et al. 2024, taken literally]
 //   FORM_SG       exp(s (z - 1))
-//   FORM_FLAT     max(z, 0) (1 - (1 - exp(-sx x^2 - sy y^2))^3)    [docs/asg.md, 8]
+//   FORM_FLAT     max(z, 0) (1 - (1 - exp(-sx x^2 - sy y^2))^3)    [docs/method/asg.md, 8]
 //
 // The FORM_ numbers come from asglight.lobes.Form.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Python of docs/python.md, run from its first line to its last."""
+"""The Python of docs/guides/python.md, run from its first line to its last."""
 
 import re
 from pathlib import Path
@@ -11,7 +11,7 @@ from places import ROOT
 
 import asglight
 
-PAGE = ROOT / "docs" / "python.md"
+PAGE = ROOT / "docs" / "guides" / "python.md"
 
 
 def test_the_page_runs_and_gives_the_shapes_that_it_says(

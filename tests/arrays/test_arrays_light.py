@@ -84,7 +84,8 @@ def test_irradiance_is_the_integral_over_the_hemisphere(form: Form) -> None:
     light = by_formula(motion.at(shot, [1002.5])[0], towards) * area[:, None]
     wanted = np.maximum(normals @ towards.T, 0) @ light
     found = asglight.irradiance(shot, normals, 1002.5).numpy()
-    # docs/shading.md: the closed form is a few percent of the brightest off where lobes are cut
+    # docs/method/shading.md: the closed form is a few percent of the brightest off where lobes are
+    # cut
     assert np.abs(found - wanted).max() < 0.03 * wanted.max()
     assert np.abs(found - wanted).mean() < 0.01 * wanted.mean()
 
@@ -109,7 +110,7 @@ def test_balls_are_those_of_brute_force() -> None:
     inside = coverage(size) > 0.99
     for ball, truth in zip(found, wanted, strict=False):
         error = (ball - truth)[inside].square().mean().sqrt() / truth[inside].square().mean().sqrt()
-        assert float(error) < 0.05  # docs/shading.md: a few percent
+        assert float(error) < 0.05  # docs/method/shading.md: a few percent
     assert not bool(found[:, coverage(size) == 0].any())
     middle = found[3, size // 2 - 1 : size // 2 + 1, size // 2 - 1 : size // 2 + 1].mean((0, 1))
     facing = asglight.irradiance(SHOT, [0.0, 0.0, 1.0], 1002.5)

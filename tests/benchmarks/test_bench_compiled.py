@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What compiled steps gain: `benchmarks/compiled.py`."""
+"""What compiled steps gain: `benchmarks/steps/compiled.py`."""
 
 from pathlib import Path
 
 import pytest
-from bench_scripts import script
+from bench_scripts import module
 from lobe_cases import sky_and_sun
 
 from asglight.fitting import compiled
 from asglight.images import write_exr
 
-bench = script("compiled")
+bench = module("steps.compiled")
 
 
 def test_a_row_tells_milliseconds_and_their_ratio() -> None:

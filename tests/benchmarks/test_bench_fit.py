@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`benchmarks/fit.py`: what it writes and prints, and the arithmetic behind its tables."""
+"""`benchmarks/fits`: what it writes and prints, and the arithmetic behind its tables."""
 
 import contextlib
 import io
@@ -13,18 +13,18 @@ from typing import Any
 import matplotlib.image
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 
 from asglight.images import write_exr
 from asglight.lobes import Lobes
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
 
-fit = script("fit")
-fit_following = script("fit_following")
-fit_leaving_out = script("fit_leaving_out")
-fit_measures = script("fit_measures")
-fit_tables = script("fit_tables")
+fit = module("fits.__main__")
+fit_following = module("fits.following")
+fit_leaving_out = module("fits.leaving_out")
+fit_measures = module("fits.measures")
+fit_tables = module("fits.tables")
 
 PICTURES = ("accuracy.png", "curves.png", "following.png")
 PAPER_STEPS, LOBES, FRAMES = 12, 4, 3
@@ -320,7 +320,7 @@ def test_a_black_map_is_one_clear_line(
 def test_help_shows_an_example(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="0"):
         fit.main(["--help"])
-    assert "python benchmarks/fit.py --maps ../shared/hdri" in capsys.readouterr().out
+    assert "python -m benchmarks.fits --maps ../shared/hdri" in capsys.readouterr().out
 
 
 def test_an_option_must_be_a_positive_number(

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How little a sequence can flicker: `benchmarks/flicker_floor.py`."""
+"""How little a sequence can flicker: `benchmarks/shots/flicker_floor.py`."""
 
 from pathlib import Path
 
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from lobe_cases import sky_and_sun
 
 from asglight.fitting.first_frame.fit import exposed, on_fine_leaves
@@ -15,7 +15,7 @@ from asglight.images import write_exr
 from asglight.judging.following import follow
 from asglight.judging.metrics import frame_errors, sequence_errors
 
-floor = script("flicker_floor")
+floor = module("shots.flicker_floor")
 
 MAPS = [(1 + 0.5 * frame) * sky_and_sun(15.0 * frame, 32) for frame in range(3)]
 

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What changes too hard to be followed: `benchmarks/hard_changes.py`."""
+"""What changes too hard to be followed: `benchmarks/shots/hard_changes.py`."""
 
 from pathlib import Path
 
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from lobe_cases import sky_and_sun
 
 from asglight.images import write_exr
 from asglight.sphere import latlong
 
-hard = script("hard_changes")
+hard = module("shots.hard_changes")
 ROWS = hard.ROWS
 
 

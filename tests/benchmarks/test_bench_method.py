@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`benchmarks/method.py`, `growth.py`, `docs_figures.py`: arithmetic of tables, the captions."""
+"""Arithmetic of tables, and captions: `method`, `growth` and `figures` of benchmarks/."""
 
 import json
 import math
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from lobe_cases import sky_and_sun
 from PIL import Image
 
@@ -21,9 +21,9 @@ from asglight.judging.bench.plan import Effort, plan_of
 from asglight.judging.metrics import METRIC_NAMES
 from asglight.lobes import Form
 
-method = script("method")
-docs_figures = script("docs_figures")
-growth = script("growth")
+method = module("shots.method")
+docs_figures = module("results.figures")
+growth = module("steps.growth")
 
 
 def errors(value: float, **others: float) -> dict[str, float]:
@@ -106,14 +106,10 @@ def test_a_folder_without_maps_is_refused_and_a_folder_for_the_numbers_is_made(
     assert list(json.loads(target.read_text())["forms"]) == ["sky"]
 
 
-def test_page_keeps_its_head_and_takes_the_captions() -> None:
-    page = "# Figures\n\nA head.\n\n## Old\n\nold\n"
+def test_captions_become_a_page_with_its_pictures_beside_it() -> None:
     captions = ["## One\n\n![One](figure-lobes.png)\n\ntext\n", "## Two\n"]
-    found = docs_figures.assembled(page, captions)
-    assert found == (
-        "# Figures\n\nA head.\n\n## One\n\n![One](images/figure-lobes.png)\n\ntext\n\n## Two\n"
-    )
-    assert docs_figures.assembled(found, captions) == found
+    found = docs_figures.assembled(captions)
+    assert found == "## One\n\n![One](images/figure-lobes.png)\n\ntext\n\n## Two\n"
 
 
 def test_pictures_keep_their_looks_in_few_colours(tmp_path: Path) -> None:

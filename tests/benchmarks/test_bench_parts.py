@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What cutting a shot into parts costs: `benchmarks/parts.py`."""
+"""What cutting a shot into parts costs: `benchmarks/shots/parts.py`."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from lobe_cases import sky_and_sun
 
 from asglight.images import write_exr
@@ -15,7 +15,7 @@ from asglight.judging.stress import maps as stress_maps
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import stack
 
-parts = script("parts")
+parts = module("shots.parts")
 
 
 def test_parts_are_thirds_that_share_four_frames() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What large images cost: `benchmarks/production.py`, on small ones."""
+"""What large images cost: `benchmarks/inputs/production.py`, on small ones."""
 
 from pathlib import Path
 
@@ -8,11 +8,11 @@ import OpenEXR
 import OpenImageIO
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 
 from asglight.images import read_latlong, write_exr
 
-production = script("production")
+production = module("inputs.production")
 
 
 @pytest.fixture

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What rounding, the ridge and unneeded parts do: `benchmarks/rounding.py`, ridge.py, lean_path.py.
+"""What rounding, the ridge and unneeded parts do: `rounding`, `ridge`, `lean_path` of benchmarks/.
 
-The bounds of float32 against float64 hold on the built-in environment; docs/fitting.md has the
-figures of real maps.
+The bounds of float32 against float64 hold on the built-in environment;
+docs/results/parts-of-a-fit.md has the figures of real maps.
 """
 
 import math
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from elsewhere import DEVICE, watched
 from lobe_cases import KNOWN, sky_and_sun
 
@@ -19,10 +19,10 @@ from asglight.cli.sources import built_in
 from asglight.images import write_exr
 from asglight.lobes import Form, texels
 
-rounding = script("rounding")
-worker = script("rounding_worker")
-ridge = script("ridge")
-lean_path = script("lean_path")
+rounding = module("steps.rounding")
+worker = module("steps.rounding_worker")
+ridge = module("steps.ridge")
+lean_path = module("shots.lean_path")
 
 
 def exponent_rounding(rows: int) -> float:

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sequence followed whichever way it is turned: `benchmarks/shots_turned.py`."""
+"""A sequence followed whichever way it is turned: `benchmarks/shots/turned.py`."""
 
 from pathlib import Path
 
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from lobe_cases import sky_and_sun
 
 from asglight.fitting.options import FitOptions, Preset
 from asglight.images import write_exr
 
-shots_turned = script("shots_turned")
+shots_turned = module("shots.turned")
 
 
 @pytest.mark.parametrize("turns", [2, 8])

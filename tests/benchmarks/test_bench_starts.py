@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Starts and splits beside those of `fast`: `benchmarks/starts.py`."""
+"""Starts and splits beside those of `fast`: `benchmarks/steps/starts.py`."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from lobe_cases import sky_and_sun
 
 from asglight.fitting.first_frame.fit import FAST, Effort
 from asglight.images import write_exr
 from asglight.judging.metrics import frame_errors
 
-starts = script("starts")
+starts = module("steps.starts")
 
 
 def test_a_row_is_a_geometric_mean_over_the_first_effort() -> None:

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Maps that no one looked at: `benchmarks/unseen.py`."""
+"""Maps that no one looked at: `benchmarks/fits/unseen.py`."""
 
 from pathlib import Path
 
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from lobe_cases import sky_and_sun
 
 from asglight.images import write_exr
 from asglight.lobes import Form, Lobes, texels
 from asglight.sphere import latlong
 
-unseen = script("unseen")
+unseen = module("fits.unseen")
 
 
 def _lamp() -> Lobes:

@@ -149,7 +149,7 @@ def test_a_checkpoint_of_other_settings_is_refused_with_what_differs(
     here: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     hook = (
-        "import os\nfrom asglight.shots.checkpoint import Checkpoint\n"
+        "import os\nfrom asglight.shots.kept.checkpoint import Checkpoint\n"
         "Checkpoint.remove = lambda self: os._exit(9)"
     )
     fit = ["fit", "in", "-o", "x.usda", "--lobes", "2"]

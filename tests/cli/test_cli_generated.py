@@ -21,7 +21,7 @@ from usd_tracks import moving
 from asglight.arrays import feeds
 from asglight.cli import farm
 from asglight.cli.commands import bench, compare, demo, evaluate, figures, stress
-from asglight.cli.main import COMMANDS, _parser, main
+from asglight.cli.main import COMMANDS, command_parser, main
 from asglight.cli.sources import built_in, opening
 from asglight.errors import InputError
 from asglight.judging.stress import run as stress_run
@@ -212,7 +212,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def parsers_of(command: str) -> list[tuple[list[str], argparse.ArgumentParser]]:
     """Return the words of a command and its parser; one for each figure of `figures`."""
-    of_all = _parser([command])
+    of_all = command_parser([command])
     (subparsers,) = (one for one in of_all._actions if isinstance(one, argparse._SubParsersAction))
     parser = subparsers.choices[command]
     below = [one for one in parser._actions if isinstance(one, argparse._SubParsersAction)]

@@ -16,7 +16,7 @@ from asglight.cli.main import main
 OPTIONS = ("--lobes", "2", "--representations", "cards,dome")
 
 KILL = (
-    "import os, signal\nfrom asglight.shots import checkpoint\nseen = []\n"
+    "import os, signal\nfrom asglight.shots.kept import checkpoint\nseen = []\n"
     # a shell's background jobs ignore it, and their children do
     "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
 )
@@ -131,7 +131,7 @@ def test_a_disk_that_fills_up_is_one_line_and_the_fit_resumes(
     fit = ("fit", source, "-o", tmp_path / "shot.usda", *OPTIONS)
     # bytes a file may have: the header and the first frame fit, the second frame does not
     hook = (
-        "import resource\nfrom asglight.shots import checkpoint\n"
+        "import resource\nfrom asglight.shots.kept import checkpoint\n"
         "append = checkpoint.Checkpoint.append\n"
         "def limited(self, record):\n"
         "    resource.setrlimit(resource.RLIMIT_FSIZE, (1200, 1200))\n"

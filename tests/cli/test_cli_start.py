@@ -66,7 +66,7 @@ def test_who_reads_a_stage_loads_no_fitter(words: list[str], stage: Path, tmp_pa
 
 def test_the_session_of_a_stage_loads_no_fitter(stage: Path) -> None:
     code = (
-        "import sys; from asglight.cli.opening import Request, opened; "
+        "import sys; from asglight.cli.sources.opening import Request, opened; "
         f"opened(Request(input={str(stage)!r})).close(); print(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

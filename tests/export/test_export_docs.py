@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The host of docs/export.md works as it is written there."""
+"""The host of docs/reference/export.md works as it is written there."""
 
 import re
 
@@ -10,7 +10,7 @@ from usd_tracks import moving
 
 from asglight.export.environment import BLOCK, environment
 
-PAGE = ROOT / "docs" / "export.md"
+PAGE = ROOT / "docs" / "reference" / "export.md"
 VERTEX = """#version 330 core
 out vec3 v_position;
 out vec3 v_normal;

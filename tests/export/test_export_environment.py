@@ -115,8 +115,8 @@ def test_reflection_is_the_layer_under_the_lobes(opengl: moderngl.Context, lobes
 
 
 def test_reflection_is_near_the_integral_over_the_lobes(opengl: moderngl.Context) -> None:
-    # Twice what docs/shading.md has as the worst of fifteen lobes, for there are only five; a wrong
-    # factor or frame is off by far more.
+    # Twice what docs/method/shading.md has as the worst of fifteen lobes, for there are only five;
+    # a wrong factor or frame is off by far more.
     lobes = random_lobes(Form.ASG)
     run = shown(opengl, constants(lobes), REFLECTION)
     normals, views = points()

@@ -183,7 +183,7 @@ def test_isotropic_asg_has_the_closed_form(s: float) -> None:
 
 
 def test_the_usual_approximation_is_as_wrong_as_documented() -> None:
-    """docs/asg.md gives these numbers for pi / sqrt(sx sy)."""
+    """docs/method/asg.md gives these numbers for pi / sqrt(sx sy)."""
     for pair, percent in {(1, 1): 58.2, (4, 4): 1.9, (8, 8): 0.03, (50, 2): 4.9}.items():
         simple = math.pi / math.sqrt(pair[0] * pair[1])
         excess = 100 * (simple / _found(Form.ASG, *pair)["zeroth"] - 1)

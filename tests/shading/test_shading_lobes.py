@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Balls under lobes in closed form against brute force in float64, and at their exact limits.
 
-The ceilings are what a viewer promises; benchmarks/shading.py measures how far below them the
-balls under real maps lie (docs/shading.md has the table).
+The ceilings are what a viewer promises; benchmarks/shaded/balls.py measures how far below them the
+balls under real maps lie (docs/method/shading.md has the table).
 """
 
 import math

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scripts and rooms of benchmarks/ as modules."""
+"""The rooms of benchmarks/ as modules."""
 
 import importlib
-import sys
 from typing import Any
 
 import pytest
@@ -12,19 +11,7 @@ BENCHMARKS = ROOT / "benchmarks"
 
 
 def module(name: str) -> Any:
-    """Import a module of a room of benchmarks/, `gpu.table`; skip as `script`."""
+    """Import a module of a room of benchmarks/, `gpu.table`; skip where benchmarks/ is not."""
     if not BENCHMARKS.is_dir():
         pytest.skip("benchmarks/ is in the repository alone", allow_module_level=True)
     return importlib.import_module(f"benchmarks.{name}")
-
-
-def script(name: str) -> Any:
-    """Import a script; skip the tests of the importing file where benchmarks/ is not."""
-    if not BENCHMARKS.is_dir():
-        pytest.skip("benchmarks/ is in the repository alone", allow_module_level=True)
-    # for as long as it takes: a script there has the name of one in the repository's root
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(str(BENCHMARKS))

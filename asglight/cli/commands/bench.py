@@ -29,7 +29,7 @@ a gate: asglight bench sky.exr --quick --gate baseline.json"""
 EXPLANATION = """\
 Fits each INPUT with every preset of asglight at several numbers of lobes, with other methods at the
 same number of floats, and at several sizes; a sequence is followed too. Writes bench.html (one page
-that works offline), bench.json and pictures. docs/bench.md says what is measured and how.
+that works offline), bench.json and pictures. docs/results/bench.md says what is measured and how.
 Takes a quarter of an hour for a map on a quiet core; --quick under two minutes, --full hours.
 --gate exits with 3 where an error, or a time relative to a peer's, is worse than a baseline's."""
 

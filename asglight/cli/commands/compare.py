@@ -38,7 +38,7 @@ Columns: floats used; their bytes, or those of an image's files; processor secon
 errors as of `asglight eval`; PSNR of three balls (mirror, silver, diffuse) as a screen shows them,
 in dB; FLIP: their HDR-FLIP, 0 to 1, where
 asglight[report] is installed. The second table is the three-sphere protocol of papers that
-estimate light from photographs. docs/compare.md says how each method was read.
+estimate light from photographs. docs/results/compare.md says how each method was read.
 keys and keys-texture keep an image and to no budget: the map without its lamps, and a few lights.
 paper and physg take a part of their published steps, which the table names; --full takes all:
 half an hour and hours."""

@@ -39,7 +39,8 @@ EXPLANATION = """\
 Fits INPUT anew and writes into DIR: figure-FIGURE.png, its caption with a table and what it says
 beside the paper (.md), and every number (.json). Without INPUT the built-in environment is taken.
 The paper's recipe takes a stated part of its 24,000 steps on a coarser map, so that a figure takes
-minutes; --steps 24000 --rows 256 is the published recipe and takes hours. docs/figures.md."""
+minutes; --steps 24000 --rows 256 is the published recipe and takes hours:
+docs/results/figures.md."""
 
 LOBES_MAX = 120
 ROWS_MIN, STARTS_MAX = 8, 9

@@ -21,8 +21,8 @@ some of it: asglight stress --only time radiance/one-texel"""
 EXPLANATION = """\
 Fits a hundred inputs that are hard on numbers and prints the measured errors of each: stiff lobes,
 radiance from 1e-45 to 1e30, maps of 1 x 2 to 4,096 x 8,192, flashes, cuts and strobes, damaged
-files, and known lobes that have to be found again. Takes three to five minutes. docs/stress.md says
-what the columns mean. Exits with 3 where a case fails."""
+files, and known lobes that have to be found again. Takes three to five minutes.
+docs/results/stress.md says what the columns mean. Exits with 3 where a case fails."""
 
 FAILED = 3
 """Exit status: the run is done, and a case fails."""

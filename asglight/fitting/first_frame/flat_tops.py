@@ -4,7 +4,7 @@
 Soft boxes, windows and ceiling lamps have a top and an edge, skies and rooms do not. A trial tells
 in a twentieth of the time of a first frame: the asg fit's lobes become flat ones of the same flux
 and variances, and both take some steps. Only where J falls are flat lobes fitted from the start,
-and only where J ends lower are they kept (docs/fitting.md has the numbers).
+and only where J ends lower are they kept (docs/method/fewer-lobes.md).
 """
 
 from dataclasses import replace

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Strips of an OpenEXR file, decoded by the package OpenEXR: some chunks at a time.
 
-That package decodes twice as fast as OpenImageIO does (docs/production.md), but it reads a file as
-a whole: every part, channel and row. So it is handed files that lie in memory and hold what is
-wanted: a header like the real one, of fewer rows, and the chunks of one part that hold those, as
+That package decodes twice as fast as OpenImageIO does (docs/guides/production.md), but it reads a
+file as a whole: every part, channel and row. So it is handed files that lie in memory and hold what
+is wanted: a header like the real one, of fewer rows, and the chunks of one part that hold those, as
 they are. What it is not handed is never decoded. Chunks that are not compressed are taken as they
 are.
 
@@ -30,7 +30,7 @@ HEADER_MAX = 2**20
 STRIP_BYTES = 2**22
 """Of decoded channels, at least one row of chunks: they stay in the processor's cache until they
 are reduced. A 4k map takes 5 to 10 % longer with 1 MB, for OpenEXR is set up for each strip, and no
-less with 8 MB (docs/production.md)."""
+less with 8 MB (docs/guides/production.md)."""
 
 # Rows of a chunk by the number of the compression: none, RLE, ZIPS, ZIP, PIZ, PXR24, B44, B44A,
 # DWAA, DWAB.

@@ -2,7 +2,7 @@
 """What a file states of its colours: obeyed, or refused where it cannot be.
 
 What is stated by name is looked up in OpenColorIO's config. What is stated twice has to agree. The
-table of all attributes and lines is in docs/inputs.md.
+table of all attributes and lines is in docs/reference/inputs.md.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Error against run time: everything that `asglight bench` measures of one input.
 
-Results are plain dictionaries, as bench.json holds them: `docs/bench.md` says what each number is.
+Results are plain dictionaries, as bench.json holds them: `docs/results/bench.md` says what each
+number is.
 """
 
 from collections.abc import Sequence

@@ -7,7 +7,7 @@ where they lie in the stage's own folder or below it, or in its package; `--foll
 the others too (trust.py).
 
 Binary layers are first opened in another process (probing_process.py): USD 26.11 takes all memory
-at about one of a hundred of those that have a few wrong bytes (docs/soak.md).
+at about one of a hundred of those that have a few wrong bytes (docs/results/soak.md).
 """
 
 import atexit

@@ -54,6 +54,11 @@ def read_usd(path: str | Path | Usd.Stage, rig: str | None = None) -> LobeTracks
     of their prims. Where another program has edited a light of the variant that the stage shows,
     its lobe is the one that would shine so; `read_stage` says what was changed.
 
+    Examples:
+        >>> report = asglight.write_usd(tracks, "shot.usda")
+        >>> asglight.read_usd("shot.usda").frames
+        (1001, 1002)
+
     Args:
         path: The stage; one that is open is read as it is, with its muted layers, loaded payloads
             and variants.

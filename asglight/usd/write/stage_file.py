@@ -49,6 +49,11 @@ def write_usd(
     of the cards is `<stem>.card.exr`. Images of an earlier, longer write stay where they are. A
     package holds its images itself.
 
+    Examples:
+        >>> report = asglight.write_usd(tracks, "shot.usdz", up_axis="Z", colorspace="ACEScg")
+        >>> report.files[0].name
+        'shot.usdz'
+
     Args:
         tracks: Lobes of F frames; metadata of JSON values, which come back as JSON gives them.
         path: Target: `.usda` is text, `.usdc` and `.usd` are crates, `.usdz` is a package.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Balls lit by a latlong map, by the whole integral over the lights: the truth of the viewer.
 
-A few samples a GUI frame go into a running mean (shaders/reference.frag); docs/reference.md has
-the method and its errors.
+A few samples a GUI frame go into a running mean (shaders/reference.frag);
+docs/method/reference-balls.md has the method and its errors.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,8 @@ from asglight.viewer.reference.reference_map import prepared
 from asglight.viewer.state.balls import Ball
 
 TARGET_SAMPLES = 1024
-"""Samples of a pixel at which a picture is finished: errors are about 1 %, docs/reference.md."""
+"""Samples of a pixel at which a picture is finished: errors are about 1 %,
+docs/method/reference-balls.md."""
 
 Cell = tuple[int, int, int]
 """A ball's square: left column, top row, size in pixels."""

@@ -169,4 +169,4 @@ def test_help_has_an_example_a_figure(capsys: pytest.CaptureFixture[str]) -> Non
         assert f"example: asglight figures {figure} sky.exr -o figures-output" in out
         assert ("--starts" in out) == (figure == "losses")
     assert main(["figures", "--help"]) == 0
-    assert "docs/figures.md" in capsys.readouterr().out
+    assert "docs/results/figures.md" in capsys.readouterr().out

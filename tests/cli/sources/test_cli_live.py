@@ -175,7 +175,7 @@ def test_a_bug_is_a_failure_that_asks_for_a_report(
 
 VIEWER = (
     "import time\nfrom asglight.cli import built_in\n"
-    "from asglight.cli.live_source import LiveJob, LiveSource\n"
+    "from asglight.cli.sources.live_source import LiveJob, LiveSource\n"
     "if __name__ == '__main__':\n"
     "    source = LiveSource(LiveJob(built_in.FRAMES, lobes=3))\n"
     "    print(source.process.pid, flush=True)\n"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What engines make of the distant lights of a stage, by their rules as read, is the lobes' light.
 
-The rules and their sources are in docs/engines.md; no engine is run here. The reference is the
-irradiance on a patch that faces a lobe, by quadrature over the sphere.
+The rules and their sources are in docs/guides/engines.md; no engine is run here. The reference is
+the irradiance on a patch that faces a lobe, by quadrature over the sphere.
 """
 
 from collections.abc import Callable

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`benchmarks/representations.py`: its lights against closed forms, and its tables."""
+"""`benchmarks/stages/representations.py`: its lights against closed forms, and its tables."""
 
 import math
 
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from pxr import Gf, Usd, UsdGeom, UsdLux
 from usd_tracks import moving, still, write_every
 
@@ -14,8 +14,8 @@ from asglight.lobes import Form, asg
 from asglight.sphere import latlong
 from asglight.usd.lights import card_texture
 
-lights = script("representations_lights")
-representations = script("representations")
+lights = module("stages.representations_lights")
+representations = module("stages.representations")
 
 
 def irradiance(arriving, normal: tuple[float, float, float]) -> float:

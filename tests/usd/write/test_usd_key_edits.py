@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from keyed_stages import FRAMES, ROWS, images, write
 from pxr import Sdf, Usd
 
@@ -17,7 +17,7 @@ from asglight.sphere import latlong
 from asglight.usd import lint_stage, read_keys, write_key_edits
 from asglight.usd.options import KeyLights
 
-judge = script("keys")
+judge = module("keyed.measure")
 
 # a quarter turn about +Y and half a turn about +X make (x, y, z) (-z, -y, -x)
 TURN = torch.tensor([[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]])

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from bench_scripts import script
+from bench_scripts import module
 from key_cases import corner_error, with_lamps
 from keyed_stages import FRAMES, ROWS, images, lamp_at, tracks_of, write
 from pxr import Usd, UsdGeom, UsdLux, UsdValidation
@@ -19,7 +19,7 @@ from asglight.usd import lint_stage, read_stage, write_usd
 from asglight.usd.options import KeyLights
 from asglight.usd.read.keys import read_keys
 
-judge = script("keys")
+judge = module("keyed.measure")
 
 
 def opened(path: Path) -> Usd.Stage:

@@ -150,8 +150,8 @@ def test_a_long_shot_stays_small(jitter, megabytes, tmp_path):
     """15 lobes in 1000 frames, with both kinds of light and the paths of the dome's images.
 
     All lobes have three cards, the most there is. Where every sample is needed, such a lobe takes
-    160 bytes a frame (docs/usd.md), which no tolerance below the noise makes less; a tenth of noise
-    in every size and light of every frame takes as much again between frames.
+    160 bytes a frame (docs/reference/stage.md), which no tolerance below the noise makes less; a
+    tenth of noise in every size and light of every frame takes as much again between frames.
     """
     tracks = moving(range(1000), lobes=15, jitter=jitter)
     images = layer.Images([f"./shot_dome/shot.{frame:04d}.exr" for frame in tracks.frames])

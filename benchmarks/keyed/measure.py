@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a stage's keys and rest show together, against the images (docs/guides/keys.md).
+
+    python -m benchmarks.keyed.measure ../shared/hdri/*.exr ../shared/sequences/*
+    python -m benchmarks.keyed.measure ../shared/hdri/*.exr --texture
+
+Each input is fitted with `fast`, its keys are cut, and the stage is read by pxr alone: lights are
+what UsdLux says, seen from the origin along rays through every texel, and the rest is its image.
+The errors are those of docs/results/measures.md; of a sequence the worst frame counts. `flux` is
+the largest error of a channel, `rim` the largest gradient of the rest within the rim of a matte
+over that of the map around it, `pump` how much more the rest changes from frame to frame within the
+mattes than around them.
+"""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom, UsdLux
+from torch import Tensor
+
+from asglight.fitting.options import FIT_HEIGHT
+from asglight.images import open_sequence, read_latlong
+from asglight.images.decoding.decode import read_header
+from asglight.images.decoding.strips import read_pixels
+from asglight.judging.metrics import maps_errors
+from asglight.shots import fit_shot
+from asglight.sphere import latlong
+from asglight.usd.options import KeyLights, KeyOptions, StageOptions
+
+RAYS = (12, 300)
+"""Through a texel each way, at least and at most."""
+
+RAYS_ACROSS = 150
+"""Across the narrow side of a card: its flux is right to a few thousandths whatever its outline."""
+
+SHOWN = ("env", "irr", "r0.5", "r0.25")
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Light:
+    """A light at a frame.
+
+    Attributes:
+        to_local: From the world to the light, for row vectors.  [4, 4]
+        half: Half width and half height.
+        radiance: Intensity times colour.  [3]
+        image: Its texture, [M, N, 3]; None without.
+    """
+
+    to_local: Array
+    half: tuple[float, float]
+    radiance: Array
+    image: NDArray[np.float32] | None
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Cut every input and print the table."""
+    parser = argparse.ArgumentParser(prog="keys", description=__doc__)
+    parser.add_argument("inputs", nargs="+", metavar="INPUT", help="images, folders or patterns")
+    parser.add_argument("--texture", action="store_true", help="keys carry the pixels of lamps")
+    parser.add_argument("--keys", type=int, metavar="N", help="so many keys (default: auto)")
+    parser.add_argument("--step", type=int, default=1, metavar="N", help="judge every Nth frame")
+    options = parser.parse_args(argv)
+    torch.set_num_threads(1)
+    columns = ["input", "keys", "keyed %", *SHOWN, "flux", "rim", "pump", "MB"]
+    print(f"| {' | '.join(columns)} |")
+    print(f"| --- |{' ---: |' * (len(columns) - 1)}", flush=True)
+    for source in options.inputs:
+        print(f"| {' | '.join(judged(source, options))} |", flush=True)
+    return 0
+
+
+def judged(source: str, options: argparse.Namespace) -> list[str]:
+    """Return the cells of an input."""
+    keys = KeyOptions(options.keys, KeyLights.RECT, options.texture)
+    with tempfile.TemporaryDirectory() as folder:
+        stage = Path(folder) / "keys.usdc"
+        done = fit_shot(source, stage, stage=StageOptions(representations=("keys",)), keys=keys)
+        told = done.keys or {}
+        sequence = open_sequence(source, height=FIT_HEIGHT)
+        frames = sequence.frames[:: options.step]
+        rows = [frame_row(stage, frame, sequence.read(frame).radiance) for frame in frames]
+        pumped = pump(stage, sequence.frames, [sequence.read(f).radiance for f in sequence.frames])
+    worst = {name: max(row[name] for row in rows) for name in (*SHOWN, "flux")}
+    rims = [key["rim"] for key in told["keys"] if key["rim"] is not None]
+    return [
+        sequence.name,
+        str(len(told["keys"])),
+        f"{100 * told['share']:.1f}",
+        *(f"{worst[name]:.4f}" for name in SHOWN),
+        f"{worst['flux']:.0e}",
+        f"{max(rims):.2f}" if rims else "–",
+        pumped,
+        f"{done.written.bytes / 1e6:.2f}",
+    ]
+
+
+def frame_row(stage: Path, frame: int, reference: Tensor) -> dict[str, float]:
+    """Return the errors of a frame."""
+    opened = Usd.Stage.Open(str(stage))
+    shown = seen(opened, frame, *reference.shape[:2])
+    errors = maps_errors(torch.from_numpy(shown).float()[None], reference)[0].values
+    return {**errors, "flux": flux_error(opened, frame, reference)}
+
+
+def seen(stage: Usd.Stage, frame: int, height: int, width: int) -> Array:
+    """Return what lights and rest show at the origin, a mean a texel.  [H, W, 3]."""
+    image = read_latlong(rest_image(stage, frame)).radiance.double()
+    found = latlong.reduce(image, height, width).numpy().copy()
+    for light in lights(stage, frame):
+        add(found, light)
+    return found
+
+
+def rest_image(stage: Usd.Stage, frame: int) -> str:
+    """Return the file of the rest at a frame."""
+    dome = UsdLux.DomeLight(next(p for p in stage.Traverse() if p.GetName() == "Rest"))
+    return dome.GetTextureFileAttr().Get(frame).resolvedPath
+
+
+def lights(stage: Usd.Stage, frame: int) -> list[Light]:
+    """Return the rectangles of a stage, as UsdLux says them."""
+    found = []
+    cache = UsdGeom.XformCache(frame)
+    for prim in stage.Traverse():
+        if not prim.IsA(UsdLux.RectLight):
+            continue
+        rect = UsdLux.RectLight(prim)
+        api = UsdLux.LightAPI(prim)
+        assert not api.GetNormalizeAttr().Get(frame)
+        color = np.array(api.GetColorAttr().Get(frame), dtype=np.float64)
+        asset = rect.GetTextureFileAttr().Get(frame)
+        image = None
+        if asset and asset.resolvedPath:
+            image = read_pixels(read_header(Path(asset.resolvedPath)))
+        half = rect.GetWidthAttr().Get(frame) / 2, rect.GetHeightAttr().Get(frame) / 2
+        matrix = np.array(cache.GetLocalToWorldTransform(prim))
+        radiance = api.GetIntensityAttr().Get(frame) * color
+        found.append(Light(np.linalg.inv(matrix), half, radiance, image))
+    return found
+
+
+def add(image: Array, light: Light) -> None:
+    """Add what a light shows to the texels of a map, along many rays through each."""
+    height, width = image.shape[:2]
+    corners = np.array([[x, y, 0, 1] for x in (-1, 1) for y in (-1, 1)]) * [*light.half, 1, 1]
+    world = np.linalg.inv(light.to_local)
+    points = (corners @ world)[:, :3]
+    middle = world[3, :3] / np.linalg.norm(world[3, :3])
+    points /= np.linalg.norm(points, axis=-1, keepdims=True)
+    reach = np.arccos(np.clip((points @ middle).min(), -1, 1)) + 2 * np.pi / height
+    centres = latlong.directions(height, width, dtype=torch.float64).numpy()
+    row, column = np.nonzero(centres @ middle >= np.cos(min(reach, np.pi)))
+    narrow = 2 * min(light.half) / np.linalg.norm(world[3, :3])
+    rays = int(np.clip(RAYS_ACROSS * np.pi / height / narrow, *RAYS))
+    inner = (np.arange(rays) + 0.5) / rays
+    solid = np.zeros(len(row))
+    total = np.zeros((len(row), 3))
+    for down in inner:
+        latitude = np.pi / 2 - np.pi * (row + down) / height
+        for right in inner:
+            longitude = np.pi - 2 * np.pi * (column + right) / width
+            ray = np.stack(
+                [
+                    np.cos(latitude) * np.sin(longitude),
+                    np.sin(latitude),
+                    np.cos(latitude) * np.cos(longitude),
+                ],
+                axis=-1,
+            )
+            weight = np.cos(latitude)
+            total += weight[:, None] * radiance_along(light, ray)
+            solid += weight
+    image[row, column] += total / solid[:, None]
+
+
+def radiance_along(light: Light, ray: Array) -> Array:
+    """Return what a light shows along rays from the origin.  [P, 3]."""
+    origin = np.array([0, 0, 0, 1.0]) @ light.to_local
+    local = np.concatenate([ray, np.zeros((len(ray), 1))], axis=-1) @ light.to_local
+    faces = local[:, 2] > 0  # it shines along -z
+    far = -origin[2] / np.where(faces, local[:, 2], 1)
+    x, y = (origin[k] + far * local[:, k] for k in (0, 1))
+    hit = faces & (np.abs(x) <= light.half[0]) & (np.abs(y) <= light.half[1])
+    if light.image is None:
+        return hit[:, None] * light.radiance
+    rows, columns = light.image.shape[:2]
+    # the first texel of the first row is at (+x, +y)
+    u = ((1 - x / light.half[0]) / 2 * columns).clip(0, columns - 1).astype(int)
+    v = ((1 - y / light.half[1]) / 2 * rows).clip(0, rows - 1).astype(int)
+    return hit[:, None] * light.radiance * light.image[v, u]
+
+
+def flux_error(stage: Usd.Stage, frame: int, reference: Tensor) -> float:
+    """Return the largest relative error of a channel's flux, of cards in closed form."""
+    image = read_latlong(rest_image(stage, frame)).radiance
+    found = _flux(image)
+    for light in lights(stage, frame):
+        distance = np.linalg.norm(np.linalg.inv(light.to_local)[3, :3])
+        p, q = (float(half / distance) for half in light.half)
+        found += light.radiance * _solid_angle(p, q) * _mean(light.image, p, q)
+    truth = _flux(reference)
+    return float(np.abs(found / truth - 1)[truth > 0].max())
+
+
+def _flux(image: Tensor) -> Array:
+    solid = latlong.texel_solid_angles(*image.shape[:2], dtype=torch.float64)[..., None]
+    return (image.double() * solid).sum((0, 1)).numpy()
+
+
+def _solid_angle(p: float, q: float) -> float:
+    return float(4 * np.arctan(p * q / np.sqrt(1 + p * p + q * q)))
+
+
+def _mean(image: NDArray[np.float32] | None, p: float, q: float) -> Array:
+    if image is None:
+        return np.ones(3)
+    rows, columns = image.shape[:2]
+    y, x = ((2 * (np.arange(n) + 0.5) / n - 1) * e for n, e in ((rows, q), (columns, p)))
+    weight = (1 + x * x + (y * y)[:, None]) ** -1.5
+    return (image * weight[..., None]).sum((0, 1)) / weight.sum()
+
+
+def pump(stage: Path, frames: Sequence[int], maps: Sequence[Tensor]) -> str:
+    """Return how the rest changes from frame to frame where keys are, over the map around them.
+
+    Texels in which rest and map differ are those of mattes; around them is a band as wide as two
+    texels. The change is the mean of the absolute differences of neighbouring frames.
+    """
+    if len(frames) < 2:
+        return "–"
+    opened = Usd.Stage.Open(str(stage))
+    inside, around = [], []
+    last: tuple[Tensor, Tensor, Tensor] | None = None
+    for frame, truth in zip(frames, maps, strict=True):
+        rest = latlong.reduce(read_latlong(rest_image(opened, frame)).radiance, *truth.shape[:2])
+        cut = ((rest - truth).abs() > 1e-3 * truth.clamp(min=1e-6)).any(-1)
+        if last is not None:
+            both = cut & last[2]
+            grown = _grown(_grown(cut | last[2])) & ~(cut | last[2])
+            inside.append(float((rest - last[0]).abs().mean(-1)[both].mean()) if both.any() else 0)
+            around.append(float((truth - last[1]).abs().mean(-1)[grown].mean()))
+        last = rest, truth, cut
+    return f"{np.mean(inside) / max(np.mean(around), 1e-30):.2f}"
+
+
+def _grown(mask: Tensor) -> Tensor:
+    wide = mask | mask.roll(1, 1) | mask.roll(-1, 1)
+    found = wide.clone()
+    found[1:] |= wide[:-1]
+    found[:-1] |= wide[1:]
+    return found
+
+
+if __name__ == "__main__":
+    sys.exit(main())

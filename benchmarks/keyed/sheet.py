@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One picture of keys and rest: the map with its keys drawn on it, the rest, and balls.
+
+    python -m benchmarks.keyed.sheet ../shared/hdri/lobby.exr -o docs/images/keys.png
+
+The balls, mirror, silver and matt, are lit by the map, by its lobes, and by keys plus rest as a
+stage shows them.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
+
+from asglight.fitting.options import FIT_HEIGHT, FitOptions
+from asglight.fitting.sequence import fit_frame
+from asglight.images import read_latlong
+from asglight.judging import keyed
+from asglight.judging.compare.spheres import SPHERES, render
+from asglight.judging.metrics import maps_errors
+from asglight.judging.pictures.display import ball_exposure_stops, exposure_stops, view_transform
+from asglight.judging.pictures.figures import cut_out, show
+from asglight.judging.pictures.layout import FAINT, TEXT, Grid, save, sheet
+from asglight.judging.pictures.outlines import colour, segments
+from asglight.keys.rectangles import Card
+from asglight.lobes import texels
+
+MAP, BALL, GAP, LEFT, TOP = (660, 330), 136, 12, 28, 116
+"""Pixels."""
+
+SIZE = 204
+"""Pixels that balls are computed in."""
+
+POINTS = 60
+"""Of a side of a card: on a latlong it is no straight line."""
+
+SHOWN = ("env", "irr", "r0.5", "r0.25")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Fit, cut, and draw."""
+    parser = argparse.ArgumentParser(prog="keys_sheet", description=__doc__)
+    parser.add_argument("image", type=Path, metavar="IMAGE", help="latlong map")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="PNG", help="picture")
+    texture = "keys carry the pixels of their lamps"
+    parser.add_argument("--texture", action="store_true", help=texture)
+    options = parser.parse_args(argv)
+    torch.set_num_threads(1)
+    draw(options.image, options.output, textured=options.texture)
+    return 0
+
+
+def draw(source: Path, target: Path, *, textured: bool) -> None:
+    """Write the picture of a map."""
+    radiance = read_latlong(source, height=FIT_HEIGHT).radiance
+    lobes = fit_frame(radiance, FitOptions(), None).lobes
+    cut = keyed.cut(radiance, textured=textured)
+    size = radiance.shape[:2]
+    maps = torch.stack([radiance, texels.texel_means(lobes, *size), cut.texel_means(*size)])
+    errors = maps_errors(maps[1:], radiance)
+    stops, balls = exposure_stops(radiance[None]), render(maps, SIZE)
+    ball_stops = ball_exposure_stops(balls[:1])
+    width = 2 * MAP[0] + GAP + 2 * LEFT
+    note = f"sRGB; maps {stops:+.1f} stops, balls {ball_stops:+.1f} stops"
+    figure = sheet(width, TOP + MAP[1] + BALL + 136, f"{source.stem}: keys and rest", note)
+    grid = Grid(figure, left=LEFT, top=TOP, cell=MAP, step=(MAP[0] + GAP, MAP[1]))
+    for column, (image, title) in enumerate(
+        ((radiance, f"the map, and its {len(cut.keys)} keys"), (cut.rest, "the rest"))
+    ):
+        axes = grid.axes(0, column)
+        axes.imshow(view_transform(image, stops), extent=(0, 1, 1, 0), aspect="auto")
+        grid.column_title(column, title)
+        if not column:
+            for index, key in enumerate(cut.keys):
+                outline(axes, key.card, index)
+    titles = ["under the map", f"under {lobes.count} lobes", "under keys and rest"]
+    numbers = ["", *(_numbers(one.values) for one in errors)]
+    group = (width - 2 * LEFT - 2 * 3 * GAP) / 3
+    for place, (own, title, text) in enumerate(zip(balls, titles, numbers, strict=True)):
+        left = round(LEFT + place * (group + 3 * GAP))
+        row = Grid(
+            figure,
+            left=left,
+            top=TOP + MAP[1] + 64,
+            cell=(BALL, BALL),
+            step=(BALL + GAP // 2, BALL),
+        )
+        row.write(left, TOP + MAP[1] + 44, title, 12, TEXT, "left")
+        row.write(left, row.top + BALL + 44, text, 11, FAINT, "left")
+        for column, (ball, name) in enumerate(zip(own, SPHERES, strict=True)):
+            show(row.axes(0, column), cut_out(ball, ball_stops))
+            row.write(
+                left + column * (BALL + GAP // 2) + BALL / 2,
+                row.top + BALL + 16,
+                name,
+                11,
+                FAINT,
+                "center",
+            )
+    save(figure, target)
+
+
+def _numbers(errors: dict[str, float]) -> str:
+    return "  ".join(f"{one} {100 * errors[one]:.2g} %" for one in SHOWN)
+
+
+def outline(axes: Axes, card: Card, index: int) -> None:
+    """Draw a card on a latlong picture."""
+    p, q = card.extent
+    along = np.linspace(-1, 1, POINTS)
+    sides = [(along, 1), (1, -along), (-along, -1), (-1, along)]
+    points = [np.broadcast_arrays(p * x, q * y) for x, y in sides]
+    x, y = (np.concatenate([point[k] for point in points]) for k in (0, 1))
+    directions = x[:, None] * card.axes[0] + y[:, None] * card.axes[1] + card.axes[2]
+    closed = torch.from_numpy(np.concatenate([directions, directions[:1]]))
+    shadow = [withStroke(linewidth=3.4, foreground="#000000", alpha=0.5)]
+    for u, v in segments(closed):
+        axes.plot(u, v, color=colour(index), linewidth=1.6, path_effects=shadow)
+    axes.set_xlim(0, 1)
+    axes.set_ylim(1, 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run a part and put what it made into the pages."""
+
+import datetime
+import shutil
+import subprocess
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from asglight.judging.machine import machine
+from benchmarks.results.blocks import Block, blocks, loose_numbers, with_blocks
+from benchmarks.results.parts import Part
+from benchmarks.results.readers import read_tables
+
+PAGES = ("README.md", "docs/results/*.md")
+"""Whose tables of numbers all have a command."""
+
+NOTE = "*Made by `"
+"""How the line below a table begins that says the command, the machine and the commit."""
+
+
+class PartError(Exception):
+    """A part could not be made; the message says why."""
+
+
+@dataclass(frozen=True)
+class Where:
+    """The machine and the state of the sources, as a page says it."""
+
+    machine: str
+    commit: str
+    day: str
+
+    def note(self, command: str) -> str:
+        """Return the line below a table."""
+        return f"{NOTE}{command}`, on {self.machine}, at commit {self.commit}, {self.day}.*"
+
+
+def here(root: Path) -> Where:
+    """Return where and when something is measured now."""
+    at = machine()
+    commit = _git(root, "rev-parse", "--short", "HEAD")
+    changed = _git(root, "status", "--porcelain", "--untracked-files=no")
+    return Where(
+        f"{at['processor']}, {at['cores']} cores",
+        f"{commit} and changes after it" if changed else commit,
+        datetime.date.today().isoformat(),
+    )
+
+
+def _git(root: Path, *words: str) -> str:
+    found = subprocess.run(["git", "-C", root, *words], capture_output=True, text=True, check=False)
+    return found.stdout.strip() or "unknown"
+
+
+def pages(root: Path) -> list[Path]:
+    """Return the pages that hold results."""
+    return [path for pattern in PAGES for path in sorted(root.glob(pattern))]
+
+
+def complaints(root: Path, parts: dict[str, Part]) -> list[str]:
+    """Return what is wrong with the pages: numbers without a command, blocks without a part."""
+    found: list[str] = []
+    named: set[str] = set()
+    for path in pages(root):
+        text = path.read_text()
+        found += [f"{path.name}: no command for the table {head}" for head in loose_numbers(text)]
+        for block in blocks(text):
+            part = block.name.partition(".")[0]
+            named.add(part)
+            if part not in parts:
+                found.append(f"{path.name}: [{block.name}]: parts.toml has no such part")
+            elif block.command != parts[part].shown():
+                found.append(f"{path.name}: [{block.name}]: names another command than parts.toml")
+    return found + [f"parts.toml: {name}: is in no page" for name in parts if name not in named]
+
+
+def renamed(root: Path, parts: dict[str, Part]) -> None:
+    """Write the commands of parts.toml into the comments of all blocks; nothing is run."""
+
+    def change(block: Block) -> Block:
+        name = block.name.partition(".")[0]
+        return replace(block, command=parts[name].shown()) if name in parts else block
+
+    for path in pages(root):
+        path.write_text(with_blocks(path.read_text(), change))
+
+
+def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Where) -> None:
+    """Run the commands of a part, and write what they made into the pages.
+
+    Raises:
+        PartError: A command failed, or made something else than the part says.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    printed = ""
+    for words in part.words(places, output):
+        run = subprocess.run(words, cwd=root, stdout=subprocess.PIPE, text=True, check=False)
+        printed = run.stdout
+        if run.returncode:
+            raise PartError(f"{' '.join(words)}: ended with status {run.returncode}")
+    (output / "stdout.txt").write_text(printed)
+    content = _contents(part, output, printed)
+    missing = _asked(part, root) - content.keys()
+    if missing:
+        raise PartError(f"made no {', '.join(sorted(missing))}")
+    for target, source in part.pictures.items():
+        drawn = sorted(output.glob(source))
+        if not drawn:
+            raise PartError(f"made no {source}")
+        (root / target).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(drawn[0], root / target)
+    note = where.note(part.shown())
+
+    def change(block: Block) -> Block:
+        if block.name.partition(".")[0] != part.name:
+            return block
+        made = content.get(block.name, _without_note(block.content))
+        return Block(block.name, part.shown(), f"{made}\n\n{note}")
+
+    for path in pages(root):
+        path.write_text(with_blocks(path.read_text(), change))
+
+
+def _asked(part: Part, root: Path) -> set[str]:
+    """Return the names of the blocks that the pages have of a part, but those of pictures."""
+    names = {block.name for path in pages(root) for block in blocks(path.read_text())}
+    return {name for name in names if name.startswith(f"{part.name}.")} - {f"{part.name}.picture"}
+
+
+def _contents(part: Part, output: Path, printed: str) -> dict[str, str]:
+    """Return what the blocks of a part hold; a picture's block keeps its link."""
+    made: dict[str, str] = {}
+    if part.page is not None:
+        made[f"{part.name}.page"] = (output / part.page).read_text().strip()
+    text = printed if part.source == "stdout" else (output / part.source).read_text()
+    found = read_tables(text, Path(part.source).suffix, part.reader)
+    made |= {f"{part.name}.{index}": table for index, table in enumerate(found, 1)}
+    return made
+
+
+def _without_note(content: str) -> str:
+    return "\n".join(line for line in content.split("\n") if not line.startswith(NOTE)).rstrip()
