@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from asglight.lobes import LobeTracks
-    from asglight.usd import Keys, Reading
+    from asglight.usd import Reading
     from asglight.viewer.state.session import Session
     from asglight.viewer.state.source import TrackSource
 
@@ -146,14 +146,15 @@ def _stage(stage: Path, request: Request) -> "Session":
             source, tracks = _watched(stage)
         else:
             from asglight.usd import read_stage
+            from asglight.usd.read.keys import read_shown_keys
 
             reading = read_stage(stage, request.rig)
             tracks, said = reading.tracks, findings_line(reading)
-            keys = shown_keys(stage, request.rig)
+            keys = read_shown_keys(stage, request.rig)
             if keys is not None:
                 keyed = Keyed(open_rest(keys.rest), tracks)
                 on_failure.callback(keyed.close)
-                tracks = keys.tracks or no_lobes(keys.times, tracks.fps)
+                tracks = keys.tracks or no_lobes(keys.times, keys.fps)
                 said = findings_line(replace(reading, changes=keys.changes))
             source = FixedSource(tracks, said)
         on_failure.callback(source.close)
@@ -171,16 +172,6 @@ def _stage(stage: Path, request: Request) -> "Session":
     if reference is not None:
         state.compare_with(reference)
     return Session(state, source, shown(stage.name), stage)
-
-
-def shown_keys(stage: Path, rig: str | None) -> "Keys | None":
-    """Return the keys of a stage that shows them; None of one that shows something else."""
-    from asglight.usd import read_keys
-    from asglight.usd.options import Representation
-    from asglight.usd.stage import representations_of
-
-    shows, _ = representations_of(stage, rig)
-    return read_keys(stage, rig) if shows == Representation.KEYS else None
 
 
 def findings_line(reading: "Reading") -> str:

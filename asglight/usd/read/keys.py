@@ -25,6 +25,7 @@ from asglight.usd.stage import (
     name_of,
     open_rig,
     readable,
+    representations_of,
     show,
 )
 
@@ -38,12 +39,14 @@ class Keys:
             no lamp.
         rest: The images without them.
         times: Frame numbers.  F
+        fps: Frames per second.
         changes: What other programs changed, one line each.
     """
 
     tracks: LobeTracks | None
     rest: Rest
     times: tuple[int, ...]
+    fps: float
     changes: tuple[str, ...] = ()
 
 
@@ -71,14 +74,25 @@ def read_keys(path: str | Path | Usd.Stage, rig: str | None = None) -> Keys | No
         space = known_space(name_of(path), prim)
         view = View(prim, times, Representation.KEYS, distance, placement, space.colorspace)
         rest = read_rest(view)
+        fps = stage.GetTimeCodesPerSecond()
         prims = lobe_prims(prim, schema.KEYS)
         if not prims:
-            return Keys(None, rest, times, rest.changes)
+            return Keys(None, rest, times, fps, rest.changes)
         lobes = lobes_at(name_of(path), prims, times)
         lobes, changes = with_key_edits(
             prim, prims, lobes, times, distance, placement, space.colorspace
         )
         lobes = in_colorspace(lobes, space.colorspace, ocio.REC709)
         names = tuple(one.GetName() for one in prims)
-        tracks = LobeTracks(times, stage.GetTimeCodesPerSecond(), lobes, {}, names)
-    return Keys(tracks, rest, times, (*changes, *rest.changes))
+        tracks = LobeTracks(times, fps, lobes, {}, names)
+    return Keys(tracks, rest, times, fps, (*changes, *rest.changes))
+
+
+def read_shown_keys(path: str | Path, rig: str | None = None) -> Keys | None:
+    """Read the keys of a stage that shows them; None of one that shows something else.
+
+    Raises:
+        InputError: As `read_keys`.
+    """
+    shows, _ = representations_of(path, rig)
+    return read_keys(path, rig) if shows == Representation.KEYS else None
