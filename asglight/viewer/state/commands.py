@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from asglight.viewer.state.display import EXPOSURE_EV_STEP
 from asglight.viewer.state.edits import editing
 from asglight.viewer.state.viewer_state import ViewerState
-from asglight.viewer.state.views import Renaming, Request
+from asglight.viewer.state.views import Request
 
 E = TypeVar("E", bound=StrEnum)
 
@@ -141,7 +141,7 @@ def _toggle_mute(state: ViewerState, lobes: tuple[int, ...]) -> None:
 
 
 def _rename(state: ViewerState, lobes: tuple[int, ...]) -> None:
-    state.renaming = Renaming(lobes[0], state.lobe_names[lobes[0]])
+    state.rename(lobes[0])
 
 
 def _restore(state: ViewerState, lobes: tuple[int, ...]) -> None:

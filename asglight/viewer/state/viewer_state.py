@@ -11,6 +11,7 @@ import torch
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, asg, flat
 from asglight.viewer.reference.images import Reference
+from asglight.viewer.reference.rest import Keyed, flux_of
 from asglight.viewer.state.balls import WHITE, Ball, Material, Rgb, ball_row
 from asglight.viewer.state.camera import Camera
 from asglight.viewer.state.compared.against import Against
@@ -56,6 +57,9 @@ INTENSITY_EV_MAX = 10.0
 """Stops by which the environment can be made brighter or darker."""
 
 
+NO_KEYS_MADE = "Keys are found in images; they are neither added nor renamed here."
+
+
 def lobes_max(form: Form) -> int:
     """Return how many lobes of a form the viewer holds."""
     return SHEETS_MAX // len(flat.TERMS) if form is Form.FLAT else MAX_LOBES
@@ -82,6 +86,7 @@ class ViewerState:
         history: The tracks with their edits.
         playback: The playhead.
         span: The part of the shot that the timeline shows.
+        keyed: What a stage shows beside its keys, which its tracks are then; None of other stages.
         references: Images of the same frames to compare with, or None.
         against: Another fit to compare with, or None.
         display: How radiance is shown.
@@ -158,6 +163,7 @@ class ViewerState:
         self.fitted: frozenset[int] | None = None
         self.is_fitting = False
         self.requests: list[Request] = []
+        self.keyed: Keyed | None = None
         self.references: Reference | None = None
         self.against: Against | None = None
         self.open(tracks, references, muted)
@@ -256,8 +262,8 @@ class ViewerState:
     @property
     def is_fitted(self) -> bool:
         """Whether the shown frame has its lobes."""
-        has_lobes = self.tracks.lobes.count > 0
-        return has_lobes and (self.fitted is None or self.playback.frame in self.fitted)
+        has_light = self.tracks.lobes.count > 0 or self.keyed is not None
+        return has_light and (self.fitted is None or self.playback.frame in self.fitted)
 
     @property
     def lit(self) -> tuple[int, ...]:
@@ -294,10 +300,19 @@ class ViewerState:
         self.selection.solo -= set(lobes)
         self.select(None)
 
+    def rename(self, lobe: int) -> None:
+        """Let a name be typed for a lobe, unless it is a key."""
+        if self.keyed is not None:
+            self.message = NO_KEYS_MADE
+        else:
+            self.renaming = Renaming(lobe, self.lobe_names[lobe])
+
     def add_lobe(self, direction: Sequence[float]) -> None:
         """Add a lobe and select it, unless there is no room or a fit still brings lobes."""
         if self.is_fitting:
             self.message = "Lobes can be added when the fit has ended."
+        elif self.keyed is not None:
+            self.message = NO_KEYS_MADE
         elif self.tracks.lobes.count >= lobes_max(self.tracks.lobes.form):
             self.message = f"No room: the viewer holds {self.tracks.lobes.count} lobes."
         else:
@@ -355,7 +370,8 @@ class ViewerState:
     def _shown(self, compared: Compared) -> Comparison:
         if not self.subjects:
             return Comparison.FIT
-        return compared.shown if self.against or self.tracks.lobes.count else Comparison.REFERENCE
+        has_light = self.tracks.lobes.count or self.keyed is not None
+        return compared.shown if self.against or has_light else Comparison.REFERENCE
 
     @property
     def reference_image(self) -> np.ndarray | None:
@@ -363,13 +379,19 @@ class ViewerState:
 
         Between two frames it is the one dissolved into the other: a picture, not a light that was.
         """
-        references, playback = self.references, self.playback
-        if references is None:
-            return None
-        image = references.get(playback.frame)
-        if not playback.is_between or image is None or references.is_still:
+        return None if self.references is None else self._image(self.references)
+
+    @property
+    def rest_image(self) -> np.ndarray | None:
+        """What lights beside the keys at the shown time, likewise.  [H, W, 3]."""
+        return None if self.keyed is None else self._image(self.keyed.rest)
+
+    def _image(self, images: Reference) -> np.ndarray | None:
+        playback = self.playback
+        image = images.get(playback.frame)
+        if not playback.is_between or image is None or images.is_still:
             return image
-        following = references.get(playback.next_frame)
+        following = images.get(playback.next_frame)
         if following is None or following.shape != image.shape:
             return None
         return dissolved(Held(image), Held(following), playback.part)
@@ -385,13 +407,16 @@ class ViewerState:
         return self.references.label(playback.frame)
 
     def meter(self) -> bool:
-        """Expose so that the mean radiance of the lit lobes is middle grey, in steps of a key.
+        """Expose so that the mean radiance of the light is middle grey, in steps of a key.
 
         Returns:
-            Whether there was light to meter.
+            Whether there was light to meter, that of the rest included.
         """
-        lobes = self.lit_lobes
-        mean = float(asg.flux(lobes).sum(0) @ torch.tensor(LUMINANCE)) / (4 * math.pi)
+        lobes, rest = self.lit_lobes, self.rest_image
+        if self.keyed is not None and rest is None:
+            return False
+        flux = asg.flux(lobes).sum(0) + (0.0 if rest is None else flux_of(rest))
+        mean = float(flux @ torch.tensor(LUMINANCE)) / (4 * math.pi)
         if not mean > 0:
             return False
         stops = math.log2(MIDDLE_GREY / mean) - self.environment.intensity_ev
