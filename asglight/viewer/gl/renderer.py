@@ -9,13 +9,11 @@ import numpy as np
 
 from asglight.errors import InputError
 from asglight.viewer.colour import opencolorio
-from asglight.viewer.gl.against import AgainstLayers
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.arrangement import cells, drawn_areas, strip
 from asglight.viewer.gl.compare import ball_errors
 from asglight.viewer.gl.display_pass import DisplayPass
 from asglight.viewer.gl.draft import Draft, Stopwatch
-from asglight.viewer.gl.keyed import KeyedBalls, KeyedMap
 from asglight.viewer.gl.layers import (
     Background,
     ClosedForm,
@@ -27,6 +25,8 @@ from asglight.viewer.gl.layers import (
     lit_map,
     lobes_key,
 )
+from asglight.viewer.gl.lights.against import AgainstLayers
+from asglight.viewer.gl.lights.keyed import KeyedBalls, KeyedMap
 from asglight.viewer.gl.passes import (
     Area,
     BackgroundPass,

@@ -12,6 +12,7 @@ from asglight.sphere import latlong
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.panels import legend, widgets
 from asglight.viewer.state.commands import command
+from asglight.viewer.state.edits import acting
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.picking import pick
 from asglight.viewer.state.viewer_state import ViewerState
@@ -122,7 +123,7 @@ def _pick(state: ViewerState, direction: list[float], tolerance: float) -> None:
     io = imgui.get_io()
     adds = io.key_ctrl or io.key_shift
     if lobe is not None and adds:
-        state.select_also(lobe)
+        acting.select_also(state, lobe)
     elif not adds and (lobe is None or lobe not in state.selected):
         state.select(lobe)
 

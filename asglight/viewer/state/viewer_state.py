@@ -3,7 +3,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import torch
@@ -55,9 +55,6 @@ SHEETS_MAX = 2 * MAX_LOBES
 
 INTENSITY_EV_MAX = 10.0
 """Stops by which the environment can be made brighter or darker."""
-
-
-NO_KEYS_MADE = "Keys are found in images; they are neither added nor renamed here."
 
 
 def lobes_max(form: Form) -> int:
@@ -276,47 +273,9 @@ class ViewerState:
         """Tell whether a lobe takes part."""
         return lobe in self.lit
 
-    def together_with(self, lobe: int) -> tuple[int, ...]:
-        """Return the lobes that an action on one means: all selected, if it is one of them."""
-        selected = self.selected
-        others = tuple(other for other in selected if other != lobe)
-        return (lobe, *others) if lobe in selected else (lobe,)
-
     def toggle_mute(self, *lobes: int) -> None:
         """Mute lobes, or let them light again: an edit as any other."""
         editing.toggle_mute(self.history, lobes)
-
-    def toggle_solo(self, lobes: Iterable[int]) -> None:
-        """Let only these and others like them light, or end that."""
-        solo, lobes = self.selection.solo, set(lobes)
-        if lobes <= solo:
-            solo -= lobes
-        else:
-            solo |= lobes
-
-    def delete(self, lobes: tuple[int, ...]) -> None:
-        """Delete lobes; none of them is selected or alone any more."""
-        editing.delete(self.history, lobes)
-        self.selection.solo -= set(lobes)
-        self.select(None)
-
-    def rename(self, lobe: int) -> None:
-        """Let a name be typed for a lobe, unless it is a key."""
-        if self.keyed is not None:
-            self.message = NO_KEYS_MADE
-        else:
-            self.renaming = Renaming(lobe, self.lobe_names[lobe])
-
-    def add_lobe(self, direction: Sequence[float]) -> None:
-        """Add a lobe and select it, unless there is no room or a fit still brings lobes."""
-        if self.is_fitting:
-            self.message = "Lobes can be added when the fit has ended."
-        elif self.keyed is not None:
-            self.message = NO_KEYS_MADE
-        elif self.tracks.lobes.count >= lobes_max(self.tracks.lobes.form):
-            self.message = f"No room: the viewer holds {self.tracks.lobes.count} lobes."
-        else:
-            self.select(editing.add(self.history, self.playback.index, direction))
 
     @property
     def lit_lobes(self) -> Lobes:
@@ -428,30 +387,6 @@ class ViewerState:
         """Select a lobe alone, or none."""
         self.selection.is_new = lobe is not None and lobe != self.selection.lobe
         self.selection.lobe, self.selection.others = lobe, ()
-
-    def select_also(self, lobe: int) -> None:
-        """Select a lobe beside the others, first of them; or leave it out if it is selected."""
-        others = tuple(other for other in self.selected if other != lobe)
-        if lobe in self.selected:
-            self.selection.lobe = others[0] if others else None
-            self.selection.others = others[1:]
-        else:
-            self.selection.lobe, self.selection.others = lobe, others
-
-    def select_to(self, lobe: int, order: Sequence[int]) -> None:
-        """Select all lobes of a list from the one selected first to another.
-
-        Args:
-            lobe: The other end.
-            order: Indices of the lobes as they are listed.
-        """
-        selected = self.selected
-        start = order.index(selected[0] if selected else lobe)
-        end = order.index(lobe)
-        between = order[min(start, end) : max(start, end) + 1]
-        first = order[start]
-        self.selection.lobe = first
-        self.selection.others = tuple(other for other in between if other != first)
 
     def _brightest(self) -> int | None:
         """Return the lobe with the most energy in the shown frame, if there are any."""
