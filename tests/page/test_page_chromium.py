@@ -290,7 +290,7 @@ def test_the_reference_is_shown_with_its_errors(
         return 255 * np.where(linear <= 0.0031308, low, high)
 
     found = canvas(page, "truth")
-    # a matt ball under an even map shows the map
+    # a matte ball under an even map shows the map
     wanted = [np.array([1.0, 0.5, 0.25]) * grey for grey in GREYS] + [np.full(3, 0.3)]
     for (x, y, size), colour in zip(cells_of(found.shape[1], 6, 6), wanted, strict=True):
         middle = found[y + size // 3 : y + 2 * size // 3, x + size // 3 : x + 2 * size // 3]

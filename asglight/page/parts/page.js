@@ -469,7 +469,7 @@
     const labels = document.querySelector(".labels");
     labels.style.gridTemplateColumns = `repeat(${columns()}, 1fr)`;
     labels.replaceChildren(...shot.roughness.map((one) =>
-      Object.assign(document.createElement("span"), { textContent: one === null ? "matt" : `roughness ${one}` })));
+      Object.assign(document.createElement("span"), { textContent: one === null ? "matte" : `roughness ${one}` })));
   }
 
   // ---- the reader -------------------------------------------------------------------------------

@@ -201,11 +201,11 @@ def _changed(view: View, own: Lobes, was: LobeLights, held: LobeLights, derived:
     resized = np.any(np.abs(held.sizes - was.sizes) > EDITED * was.sizes, axis=-1, keepdims=True)
     if resized.any():
         own = replace(own, sharpness=_sharpness(view, own, held.sizes, resized, derived))
-    relit = resized | (np.abs(held.light - was.light) > EDITED * was.light)
+    light_changed = resized | (np.abs(held.light - was.light) > EDITED * was.light)
     unit = replace(own, amplitude=torch.ones_like(own.amplitude))
     per_amplitude = derived(unit).light  # light is in proportion to the amplitude
     amplitude = torch.from_numpy(held.light / per_amplitude)[:, None]
-    changed = torch.from_numpy(relit.any(-1))[:, None, None]
+    changed = torch.from_numpy(light_changed.any(-1))[:, None, None]
     return replace(own, amplitude=torch.where(changed, amplitude.clamp(min=0), own.amplitude))
 
 

@@ -77,7 +77,7 @@ class Split(NamedTuple):
     axis: int
 
 
-def regroup(
+def split_and_merge(
     start: newton.Outcome,
     frame: objective.Target,
     coarse: objective.Target,
@@ -133,9 +133,9 @@ def _moving(lobes: Lobes, frame: objective.Target, splits: list[Split]) -> Tenso
 
 
 def _to_try(best: newton.Outcome, frame: objective.Target) -> tuple[Iterator[Split], Tensor]:
-    """Return the splits of a fit in the order in which they are tried, and `absences`' steps."""
+    """Return the splits of a fit in the order of their trials, and the steps that fill each gap."""
     assert best.shown is not None  # of lobes that took steps
-    costs, filled = absences(best.shown, frame)
+    costs, filled = leave_one_out_costs(best.shown, frame)
     return iter(ordered(best.shown, frame, costs)), filled
 
 
@@ -157,7 +157,7 @@ def lying_on(shown: lobe_images.Images, frame: objective.Target) -> Tensor:
         shown: The lobes on the leaves.
         frame: The maps and their weights.
     """
-    error = objective.placed(shown.radiance, frame)
+    error = objective.per_cell_loss(shown.radiance, frame)
     sent = shown.values * shown.lobes.amplitude.sum(-1, keepdim=True)
     taken = sent / sent.sum(1, keepdim=True).clamp(min=torch.finfo(torch.float32).tiny)
     return (taken @ error[..., None])[..., 0]
@@ -188,7 +188,7 @@ def carried_out(split: Split, lobes: Lobes, filled: Tensor, width_min: float) ->
     Args:
         split: Which.
         lobes: The lobes.  [N, .]
-        filled: The steps of `absences`.  [N, N, 8]
+        filled: The steps of `leave_one_out_costs`.  [N, N, 8]
         width_min: Sigma of the narrowest lobe allowed, radians.
     """
     return halved(without(split.gone, lobes, filled, width_min), *split)
@@ -202,7 +202,7 @@ def carried_out_each(
     Args:
         splits: One a trial.  K
         lobes: The lobes of each.  [K, N, .]
-        filled: The step of `absences` for the lobe that goes.  [K, N, 8]
+        filled: The step of `leave_one_out_costs` for the lobe that goes.  [K, N, 8]
         width_min: Sigma of the narrowest lobe allowed, radians.
     """
     gone = torch.tensor([split.gone for split in splits]).to(filled.device)
@@ -217,7 +217,7 @@ def without(gone: int, lobes: Lobes, filled: Tensor, width_min: float) -> Lobes:
     Args:
         gone: Index of the one that goes.
         lobes: The lobes.  [N, .]
-        filled: The steps of `absences`.  [N, N, 8]
+        filled: The steps of `leave_one_out_costs`.  [N, N, 8]
         width_min: Sigma of the narrowest lobe allowed, radians.
     """
     ahead = advance(lobes, filled[gone], width_min)
@@ -225,26 +225,28 @@ def without(gone: int, lobes: Lobes, filled: Tensor, width_min: float) -> Lobes:
     return replace(ahead, amplitude=ahead.amplitude * lit[:, None])
 
 
-def absences(shown: lobe_images.Images, frame: objective.Target) -> tuple[Tensor, Tensor]:
-    """Return `absences_of_each` of one frame.  [N] and [N, N, 8].
+def leave_one_out_costs(
+    shown: lobe_images.Images, frame: objective.Target
+) -> tuple[Tensor, Tensor]:
+    """Return `leave_one_out_costs_of_each` of one frame.  [N] and [N, N, 8].
 
     Of more than `newton.TOGETHER` lobes, neighbours alone make up for each other.
     """
     found, count = objective.misfit(shown.radiance, frame), shown.lobes.count
     if count <= newton.TOGETHER:
-        costs, steps = absences_of_each(shown, found, frame)
+        costs, steps = leave_one_out_costs_of_each(shown, found, frame)
         return costs[0], steps[0]
     costs = torch.zeros(count, dtype=torch.float64, device=shown.scale.device)
     steps = costs.new_zeros(count, count, UNKNOWNS)
     for index in neighbours.parts(shown.lobes.axis_z, newton.PART, 0):
         own = lobe_images.images(neighbours.some(shown.lobes, index), frame.places)
         part = index[0]
-        growth, undone = absences_of_each(own, found, frame)
+        growth, undone = leave_one_out_costs_of_each(own, found, frame)
         costs[part], steps[part[:, None], part] = growth[0], undone[0]
     return costs, steps
 
 
-def absences_of_each(
+def leave_one_out_costs_of_each(
     shown: lobe_images.Images, found: objective.Misfit, frame: objective.Target
 ) -> tuple[Tensor, Tensor]:
     """Return how much J of each frame grows, to second order, when a lobe is taken away.

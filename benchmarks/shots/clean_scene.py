@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""What a fit spends on what a clean scene does not need: processor time and calls of each part.
 
-    python -m benchmarks.shots.lean_path --still ../shared/hdri/esplanade.exr \
+    python -m benchmarks.shots.clean_scene --still ../shared/hdri/esplanade.exr \
         --sequence ../shared/sequences/day
 
 `asglight fit` runs in this process, everything loaded before. A part's time is that of the thread
@@ -31,7 +31,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "fit of the frames": ("asglight.shots.frames.fit_frame",),
     "second reading": ("asglight.shots.rounds.refined",),
     "repairs": ("asglight.images.repair.Tally.account",),
-    "light, with its ridge": ("asglight.fitting.steps.light.relight",),
+    "light, with its ridge": ("asglight.fitting.steps.light.solve_amplitudes",),
     "relocation": ("asglight.fitting.following.next_frame.relocated",),
     "wider sight for a lost lamp": ("asglight.fitting.following.next_frame.re_detected",),
     "doubt: a fresh fit": ("asglight.fitting.following.next_frame.fit_first_frame",),
@@ -55,7 +55,7 @@ Taken = dict[str, tuple[int, float]]
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure each fit, print a table."""
-    parser = argparse.ArgumentParser(prog="lean_path", description=__doc__)
+    parser = argparse.ArgumentParser(prog="clean_scene", description=__doc__)
     add = parser.add_argument
     add("--still", required=True, metavar="FILE", help="a clean map")
     add("--sequence", required=True, metavar="DIR", help="a clean sequence")

@@ -108,10 +108,10 @@ def lags_of_each(found: newton.Outcome, frame: Target, aim: Tensor) -> Tensor:
     Returns:
         [F, 5]
     """
-    return errors(light.relit(found, frame).radiance, frame) / aim
+    return errors(light.with_amplitudes(found, frame).radiance, frame) / aim
 
 
-def weighed(frame: Target, factors: Tensor) -> Target:
+def with_weights(frame: Target, factors: Tensor) -> Target:
     """Return a map with other weights.
 
     Args:
@@ -119,7 +119,7 @@ def weighed(frame: Target, factors: Tensor) -> Target:
         factors: Of the weight of each of `ERRORS`; the larger one of irr and irrMax counts.
     """
     env, irr, irr_max, rough, glossy = factors.tolist()
-    return frame.weighed(env, (1.0, max(irr, irr_max), rough, glossy))
+    return frame.with_weights(env, (1.0, max(irr, irr_max), rough, glossy))
 
 
 def raised(lag: Tensor) -> Tensor:
@@ -131,7 +131,7 @@ def raised(lag: Tensor) -> Tensor:
     return lag.pow(POWER).clamp(1.0, FACTOR_MAX)
 
 
-def balanced(
+def reweighted(
     found: newton.Outcome,
     frame: Target,
     aim: Tensor,
@@ -158,7 +158,9 @@ def balanced(
         if float(lag.max()) <= 1 or factor < FACTOR_LEAST:
             break
         heavier = weights * torch.where(lag > 1, factor, 1.0)
-        ahead = newton.minimise(found.lobes, weighed(frame, heavier), STEPS, width_min=width_min)
+        ahead = newton.minimise(
+            found.lobes, with_weights(frame, heavier), STEPS, width_min=width_min
+        )
         left = lags(ahead, frame, aim)
         lit_behind = float(left[1:].max()) > max(1.0, float(lag[1:].max()))
         if lit_behind or float(left.max()) >= float(lag.max()):

@@ -52,7 +52,7 @@ CHUNK = 8
 
 
 @dataclass(frozen=True)
-class Lean:
+class Simplified:
     """The lobes of a shot after the simplifications.
 
     Attributes:
@@ -64,7 +64,7 @@ class Lean:
     needed: Tensor
 
 
-def leave_out(lobes: Lobes, budget: Tensor, threads: int = 1) -> Lean:
+def leave_out(lobes: Lobes, budget: Tensor, threads: int = 1) -> Simplified:
     """Simplify the lobes of a shot.
 
     Args:
@@ -87,7 +87,7 @@ def leave_out(lobes: Lobes, budget: Tensor, threads: int = 1) -> Lean:
         result = mixed(is_round, _transported(rounded), result)
     held = held_still(result)
     static, _ = _simplified(result, held, left, flux, threads, taken_by_all=False)
-    return Lean(with_flux(mixed(static, held, result), flux, ~static), needed)
+    return Simplified(with_flux(mixed(static, held, result), flux, ~static), needed)
 
 
 def changes(before: Lobes, after: Lobes, whole: Tensor, threads: int = 1) -> Tensor:

@@ -1,21 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No error of any map lags behind the others: the rounds of balance.py, each map with its own."""
+"""No error of any map lags behind the others: the rounds of first_frame, each with its own."""
 
 from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from asglight.fitting.first_frame.balance import FACTOR, FACTOR_LEAST, ROUNDS, STEPS, lags_of_each
+from asglight.fitting.first_frame.reweighting import (
+    FACTOR,
+    FACTOR_LEAST,
+    ROUNDS,
+    STEPS,
+    lags_of_each,
+)
 from asglight.fitting.loss import objective
 from asglight.fitting.steps import newton
-from asglight.fitting.stills.frames import picked, put, weighed
+from asglight.fitting.stills.frames import picked, put, with_weights
 
 
 def balanced_each(
     found: newton.Outcome, frames: objective.Target, aims: Tensor, width_min: float
 ) -> newton.Outcome:
-    """Take the steps of `balance.balanced` in each map in which an error lags behind.
+    """Take the steps of `reweighting.reweighted` in each map in which an error lags behind.
 
     Args:
         found: Lobes that took steps.
@@ -35,7 +41,7 @@ def balanced_each(
         some, before = picked(frames, index), lag[index]
         heavier = weights[index] * torch.where(before > 1, factor[index, None], 1.0)
         lobes = found.lobes[index]
-        ahead = newton.minimise(lobes, weighed(some, heavier), STEPS, width_min=width_min)
+        ahead = newton.minimise(lobes, with_weights(some, heavier), STEPS, width_min=width_min)
         after = lags_of_each(ahead, some, aims[index])
         lit_behind = after[:, 1:].amax(-1) > before[:, 1:].amax(-1).clamp(min=1.0)
         worse = lit_behind | (after.amax(-1) >= before.amax(-1))

@@ -10,8 +10,8 @@ import torch
 from lobe_cases import sky_and_sun
 from torch import Tensor
 
-from asglight.fitting.first_frame import balance, seeding, starts
 from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.first_frame import multi_start, reweighting, seeding
 from asglight.fitting.first_frame.fit import Level
 from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.loss.leaves import Leaves
@@ -31,9 +31,9 @@ def _starts() -> tuple[list[Lobes], objective.Target, float]:
     return seeds, objective.target(frame.radiance), first_frame.narrowest(32)
 
 
-def _finish(frame: objective.Target, width_min: float) -> starts.Finish:
+def _finish(frame: objective.Target, width_min: float) -> multi_start.Finish:
     def finish(seed: Lobes, weights: Tensor | None, report: newton.OnStep | None) -> newton.Outcome:
-        own = frame if weights is None else balance.weighed(frame, weights)
+        own = frame if weights is None else reweighting.with_weights(frame, weights)
         return first_frame.descend(seed[None], own, own, LEVELS, width_min, report)
 
     return finish
@@ -47,17 +47,17 @@ def test_of_ends_that_do_not_lag_behind_the_one_that_is_lit_best_is_taken() -> N
     seeds, frame, width_min = _starts()
     finish = _finish(frame, width_min)
     ends = [finish(seed, None, None) for seed in seeds]
-    wrong = [starts.lit_wrong(end, frame) for end in ends]
+    wrong = [multi_start.lit_wrong(end, frame) for end in ends]
     assert len(set(wrong)) > 1
-    found = starts.best_end(seeds, finish, frame, AHEAD, width_min)
+    found = multi_start.best_end(seeds, finish, frame, AHEAD, width_min)
     assert torch.equal(found.lobes.amplitude, ends[wrong.index(min(wrong))].lobes.amplitude)
 
 
 def test_an_end_whose_light_lags_behind_less_comes_before_one_that_is_lit_better() -> None:
     seeds, frame, width_min = _starts()
     found = _finish(frame, width_min)(seeds[0], None, None)
-    near = starts.End(seeds[0], found, torch.tensor([1.5, 0.2, 0.2, 0.9, 0.5]), 2.0)
-    far = starts.End(seeds[0], found, torch.tensor([0.5, 0.2, 0.2, 1.1, 0.5]), 1.0)
+    near = multi_start.End(seeds[0], found, torch.tensor([1.5, 0.2, 0.2, 0.9, 0.5]), 2.0)
+    far = multi_start.End(seeds[0], found, torch.tensor([0.5, 0.2, 0.2, 1.1, 0.5]), 1.0)
     assert min(near, far, key=lambda each: each.order) is near  # the map's error can be mended
     assert min(near, far, key=lambda each: each.settled_order) is far
 
@@ -72,15 +72,15 @@ def test_the_starts_that_came_nearest_go_once_more_with_what_lags_behind_raised(
         return usual(seed, weights, report)
 
     beyond = torch.tensor([1e6, 1e6, 1e6, 1e-9, 1e6])  # an r0.5 that none comes to
-    found = starts.best_end(seeds, finish, frame, beyond, width_min, again=2)
+    found = multi_start.best_end(seeds, finish, frame, beyond, width_min, again=2)
     again = asked[len(seeds) :]
     assert len(again) == 2
-    expected = torch.tensor([1.0, 1.0, 1.0, balance.FACTOR_MAX, 1.0])
+    expected = torch.tensor([1.0, 1.0, 1.0, reweighting.FACTOR_MAX, 1.0])
     assert all(torch.equal(weights, expected) for _, weights in again if weights is not None)
     ends = [usual(seed, None, None) for seed in seeds]
-    wrong = [float(balance.lags(end, frame, beyond)[3]) for end in ends]
+    wrong = [float(reweighting.lags(end, frame, beyond)[3]) for end in ends]
     assert again[0][0] is seeds[wrong.index(min(wrong))]
-    assert float(balance.lags(found, frame, beyond)[3]) < min(wrong)
+    assert float(reweighting.lags(found, frame, beyond)[3]) < min(wrong)
 
 
 def test_no_start_goes_once_more_where_none_shall() -> None:
@@ -94,7 +94,7 @@ def test_no_start_goes_once_more_where_none_shall() -> None:
         return usual(seed, weights, report)
 
     beyond = torch.tensor([1e6, 1e6, 1e6, 1e-9, 1e6])
-    starts.best_end(iter(seeds), finish, frame, beyond, width_min)
+    multi_start.best_end(iter(seeds), finish, frame, beyond, width_min)
     assert [id(each) for each in asked] == [id(each) for each in seeds]
 
 
@@ -135,7 +135,7 @@ def test_an_end_is_judged_with_its_light_solved_as_it_will_be() -> None:
     seen = objective.sizes(brighter.shown.radiance, sharp).seen
     # of the thirty percent too much hardly any is left, wherever the solution starts
     unsolved = float(objective.of_materials(seen, sharp))
-    wrong = [starts.lit_wrong(each, frame) for each in (end, brighter)]
+    wrong = [multi_start.lit_wrong(each, frame) for each in (end, brighter)]
     assert abs(wrong[1] - wrong[0]) < 0.05 * (unsolved - wrong[0])
 
 
@@ -143,7 +143,7 @@ def test_the_first_start_alone_reports_its_steps() -> None:
     seeds, frame, width_min = _starts()
     seen: list[Lobes] = []
     finish = _finish(frame, width_min)
-    starts.best_end(seeds, finish, frame, AHEAD, width_min, seen.append)
+    multi_start.best_end(seeds, finish, frame, AHEAD, width_min, seen.append)
     alone: list[Lobes] = []
     first_frame.descend(seeds[0][None], frame, frame, LEVELS, width_min, alone.append)
     assert len(seen) == len(alone) > 0
@@ -156,8 +156,8 @@ def test_the_end_does_not_depend_on_how_many_starts_run_at_once(threads: int) ->
     seeds, frame, width_min = _starts()
     beyond = torch.tensor([1e6, 1e6, 1e6, 1e-9, 1e6])  # so that starts go once more
     given = seeds, _finish(frame, width_min), frame, beyond, width_min
-    alone = starts.best_end(*given, again=2)
-    found = starts.best_end(*given, again=2, threads=threads)
+    alone = multi_start.best_end(*given, again=2)
+    found = multi_start.best_end(*given, again=2, threads=threads)
     assert torch.equal(found.lobes.axes, alone.lobes.axes)
     assert torch.equal(found.lobes.amplitude, alone.lobes.amplitude)
 

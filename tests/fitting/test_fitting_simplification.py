@@ -6,8 +6,8 @@ import pytest
 import torch
 from lobe_cases import lamps, random_lobes
 
-from asglight.fitting import lean
-from asglight.fitting.lean import BUDGET, FLUX_TOLERANCE, leave_out
+from asglight.fitting import simplification
+from asglight.fitting.simplification import BUDGET, FLUX_TOLERANCE, leave_out
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.lobes.data import stack
 from asglight.shading import kernels
@@ -108,7 +108,7 @@ def test_a_round_lobe_keeps_flux_and_mean_square_width() -> None:
     lobes = replace(
         lamps([(0.0, 0.0, 1.0)], [1.0], [3.0]), sharpness=torch.tensor([[900.0, 300.0]])
     )
-    found = lean.rounded_off(lobes)
+    found = simplification.rounded_off(lobes)
     before, after = asg.moments(lobes.to(torch.float64)), asg.moments(found.to(torch.float64))
     ratio = before.zeroth / after.zeroth
     torch.testing.assert_close(
@@ -122,7 +122,7 @@ def test_a_round_lobe_keeps_flux_and_mean_square_width() -> None:
 
 def test_a_lobe_of_one_sharpness_is_left_as_it_is_to_the_bit() -> None:
     lobes = lamps(*SCENE)
-    found = lean.rounded_off(lobes)
+    found = simplification.rounded_off(lobes)
     assert torch.equal(found.sharpness, lobes.sharpness)
     assert torch.equal(found.amplitude, lobes.amplitude)
 
@@ -204,11 +204,11 @@ def test_all_simplifications_together_stay_within_the_budget(form: Form, allowed
 
 def test_changes_are_those_of_balls() -> None:
     before = still_shot(long_scene(), 1)
-    after = lean.rounded_off(before)
+    after = simplification.rounded_off(before)
     whole = asg.flux(before.to(torch.float64)).sum((1, 2))
-    found = lean.changes(before, after, whole)[0]  # [N, K]
+    found = simplification.changes(before, after, whole)[0]  # [N, K]
     for lobe in range(3):
-        mixed = lean.mixed(torch.arange(3) == lobe, after, before)
+        mixed = simplification.mixed(torch.arange(3) == lobe, after, before)
         for probe, kernel in ((1, kernels.LAMBERT), (2, 0.5), (3, 0.25)):
             # directions 5 degrees apart, as wide as what GGX 0.25 shows of a point
             expected = change(before[0], mixed[0], kernel, 2000)
@@ -258,19 +258,19 @@ def test_what_the_first_frame_does_not_bear_is_not_looked_at_in_others(
     shot = still_shot(long_scene())
     shot.amplitude[:] *= torch.linspace(1, 2, 6)[:, None, None]
     seen: list[tuple[int, int]] = []
-    exact = lean.changes
+    exact = simplification.changes
 
     def noted(before: Lobes, after: Lobes, whole: torch.Tensor, threads: int) -> torch.Tensor:
         seen.append((len(before.axes), before.count))
         return exact(before, after, whole, threads)
 
-    monkeypatch.setattr(lean, "changes", noted)
+    monkeypatch.setattr(simplification, "changes", noted)
     leave_out(shot, budget(shot))
     assert seen == [(1, 3)], "each lobe's length is seen in the first of six frames"
 
 
 def test_chunks_side_by_side_come_to_the_same_bits() -> None:
-    frames = [still_shot(long_scene())[0]] * (3 * lean.CHUNK + 1)
+    frames = [still_shot(long_scene())[0]] * (3 * simplification.CHUNK + 1)
     shot = stack(frames)
     noise = torch.rand(len(frames), 3, 1, generator=torch.Generator().manual_seed(3))
     shot = replace(shot, amplitude=shot.amplitude * (1 + 0.01 * noise))

@@ -12,7 +12,7 @@ from functools import partial
 
 from torch import Tensor
 
-from asglight.fitting.first_frame import balance
+from asglight.fitting.first_frame import reweighting
 from asglight.fitting.loss import objective
 from asglight.fitting.steps import light, newton
 from asglight.lobes import Lobes
@@ -89,7 +89,7 @@ def best_end(
 
     def once_more(end: End) -> End:
         """Return where a start comes to with what lags behind in its end raised."""
-        weights = balance.raised(end.lag)
+        weights = reweighting.raised(end.lag)
         found = ended(end.seed, finish(end.seed, weights, None), frame, aim)
         return settled(found, frame, aim, width_min, weights)
 
@@ -113,8 +113,8 @@ def settled(
     width_min: float,
     weights: Tensor | None = None,
 ) -> End:
-    """Return an end after the steps of `balance.balanced`."""
-    found = balance.balanced(end.found, frame, aim, width_min, weights)
+    """Return an end after the steps of `reweighting.reweighted`."""
+    found = reweighting.reweighted(end.found, frame, aim, width_min, weights)
     return ended(end.seed, found, frame, aim)
 
 
@@ -127,7 +127,7 @@ def ended(seed: Lobes, found: newton.Outcome, frame: objective.Target, aim: Tens
         frame: The map, with J's own weights.
         aim: What errors are to come to.
     """
-    return End(seed, found, balance.lags(found, frame, aim), lit_wrong(found, frame))
+    return End(seed, found, reweighting.lags(found, frame, aim), lit_wrong(found, frame))
 
 
 def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
@@ -143,5 +143,5 @@ def lit_wrong_of_each(found: newton.Outcome, frame: objective.Target) -> Tensor:
         frame: The maps, with J's own weights.
     """
     sharp = replace(frame, corners=light.CORNERS)
-    seen = objective.sizes(light.relit(found, frame).radiance, sharp).seen
+    seen = objective.sizes(light.with_amplitudes(found, frame).radiance, sharp).seen
     return objective.of_materials(seen, sharp)
