@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from pxr import Sdf, Usd
+from pxr import Usd
 from torch import Tensor
 
 from asglight.errors import InputError
@@ -94,7 +94,7 @@ def _images(view: View, dome: Usd.Prim) -> tuple[str, ...]:
     for time in view.times:
         asset = attribute.Get(time) if attribute else None
         # a damaged crate may hold a value of another type than it declares
-        path = asset.resolvedPath if isinstance(asset, Sdf.AssetPath) else ""
+        path = getattr(asset, "resolvedPath", "")
         found.append(path if path and may_open(stage, path) else "")
     return tuple(found)
 

@@ -4,7 +4,7 @@
 import shutil
 from pathlib import Path
 
-from pxr import Sdf, Usd
+from pxr import Usd
 
 from asglight.errors import InputError
 from asglight.images.message import shown
@@ -84,5 +84,5 @@ def _textures(prim: Usd.Prim, frames: tuple[int, ...]) -> tuple[str, ...]:
     """Return the image of a key at each frame, as USD resolves it; empty without."""
     attribute = prim.GetAttribute(schema.TEXTURE)
     assets = [attribute.Get(frame) if attribute else None for frame in frames]
-    found = tuple(one.resolvedPath for one in assets if isinstance(one, Sdf.AssetPath))
-    return found if len(found) == len(frames) and all(found) else ()
+    found = tuple(getattr(one, "resolvedPath", "") for one in assets)
+    return found if all(found) else ()
