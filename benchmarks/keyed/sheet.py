@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One picture of keys and rest: the map with its keys drawn on it, the rest, and balls.
+r"""One picture of keys and rest: the map with its keys drawn on it, the rest, and balls.
 
     make blender-extension
-    python -m benchmarks.keyed.sheet MAP.exr --zip dist/asglight-blender-0.1.0.zip \\
+    python -m benchmarks.keyed.sheet MAP.exr --zip dist/asglight-blender-0.1.0.zip \
         -o docs/images/keys.png
 
 The balls, mirror, silver and matte, are lit by the map, by its lobes, and by keys plus rest as a
