@@ -3,7 +3,7 @@
 
     python -m benchmarks.keyed.sheet ../shared/hdri/lobby.exr -o docs/images/keys.png
 
-The balls, mirror, silver and matt, are lit by the map, by its lobes, and by keys plus rest as a
+The balls, mirror, silver and matte, are lit by the map, by its lobes, and by keys plus rest as a
 stage shows them.
 """
 
