@@ -14,7 +14,7 @@ mattes than around them, both of the logarithm of radiance.
 
 Synthetic cases are those of `cases.py`. Their `corners` are the largest distance of a card's corner
 from the one of the rectangle that it shows, over the rectangle's shorter side (or three texels,
-where that is more). The last lines have the worst of each kind and of all.
+where that is more). A second table has the worst of each kind and of all.
 """
 
 import argparse
@@ -86,13 +86,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     torch.set_num_threads(1)
     heads = ["input", "keys", "keyed %", *SHOWN, "flux", "rim", "pump"]
     if options.inputs:
-        _print_row([*heads, "MB"])
-        _print_row(["---", *["---:"] * len(heads)])
+        _print_head([*heads, "MB"])
     for source in options.inputs:
         _print_row(judged(source, options).cells())
     if options.synthetic:
         print_synthetic(options, [*heads, "corners"])
     return 0
+
+
+def _print_head(heads: Sequence[str]) -> None:
+    _print_row(heads)
+    _print_row(["---", *["---:"] * (len(heads) - 1)])
 
 
 def _print_row(cells: Sequence[str]) -> None:
@@ -186,17 +190,18 @@ def stage_row(
 
 
 def print_synthetic(options: argparse.Namespace, heads: Sequence[str]) -> None:
-    """Judge cases by chance, print a row for each, and the worst of each kind and of all."""
-    _print_row(heads)
-    _print_row(["---", *["---:"] * (len(heads) - 1)])
+    """Judge cases by chance, print a row for each, then the worst of each kind and of all."""
+    _print_head(heads)
     found: list[tuple[Row, float | None]] = []
     for case in cases(options.synthetic, options.seed, options.rows):
         found.append(judged_case(case, options))
         _print_row(_case_cells(*found[-1]))
+    print()
+    _print_head(heads)
     kinds = dict.fromkeys(row.name.rsplit(" ", 1)[0] for row, _ in found)
     for kind in [*kinds, ""]:
         of_kind = [one for one in found if one[0].name.startswith(kind)]
-        _print_row(_case_cells(*_worst(of_kind, f"worst of {kind or 'all'}")))
+        _print_row(_case_cells(*_worst(of_kind, kind or "all")))
 
 
 def _case_cells(row: Row, corners: float | None) -> list[str]:
