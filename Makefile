@@ -6,9 +6,10 @@ BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 SEQUENCES2X ?= ../shared/sequences2x
-EXTENSION = dist/asglight-blender-0.1.0.zip
+VERSION := $(shell sed -n 's/^__version__ = "\(.*\)"/\1/p' asglight/__init__.py)
+EXTENSION = dist/asglight-blender-$(VERSION).zip
 
-.PHONY: help setup setup-dcc results docs blender-extension test-blender blender-pictures demo bench bench-fit bench-motion bench-command gpu stress soak test test-fast test-usd test-dcc test-dcc-short \
+.PHONY: help setup setup-dcc release results docs blender-extension test-blender blender-pictures demo bench bench-fit bench-motion bench-command gpu stress soak test test-fast test-usd test-dcc test-dcc-short \
   test-ball-truth dcc-picture lint format clean
 
 help:            ## list the targets
@@ -68,6 +69,9 @@ setup-dcc: .venv-dcc/.ready  ## Blender and Mitsuba, in an environment of their 
 .venv-dcc/.ready: dcc/requirements.txt .ci/renderers
 	@PYTHON=$(PYTHON) sh .ci/renderers
 
+release: setup   ## wheel, source, extension (dist/); then the demo from that wheel in a clean environment
+	PYTHON=$(BIN)/python sh .ci/release dist
+
 blender-extension: setup  ## the zip that Blender installs (dist/)
 	$(BIN)/python -m integrations.package -o dist
 
@@ -104,4 +108,4 @@ format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) .venv-dcc .venv-gpu gpu-output command-output demo-output dcc-output bench-output bench-fit bench-motion results-output site stress-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis soak-output
+	rm -rf $(VENV) .venv-dcc .venv-gpu .venv-release gpu-output command-output demo-output dcc-output bench-output bench-fit bench-motion results-output site stress-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis soak-output

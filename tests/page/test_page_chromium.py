@@ -24,6 +24,7 @@ from asglight.shading.balls import coverage
 from asglight.viewer.gl import passes
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.gl.display_pass import DisplayPass
 from asglight.viewer.gl.layers import MAP_ROWS
 from asglight.viewer.state.display import Comparison, Display
 from asglight.viewer.uniforms.map_lobes import widened
@@ -97,9 +98,7 @@ def displayed(
 ) -> np.ndarray:
     shown = passes.display_target(opengl, size or radiance.size)
     picture = passes.Picture(passes.target_texture(radiance))
-    passes.DisplayPass(opengl).draw(
-        picture, None, Display(exposure_ev=stops), Comparison.FIT, shown
-    )
+    DisplayPass(opengl).draw(picture, None, Display(exposure_ev=stops), Comparison.FIT, shown)
     width, height = shown.size
     pixels = np.frombuffer(shown.read(components=3, alignment=1), np.uint8)
     return pixels.reshape(height, width, 3).astype(int)

@@ -7,13 +7,15 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 
 from asglight.lobes import LobeTracks
 from asglight.viewer.panels import widgets
-from asglight.viewer.panels.edit import edit_controls
+from asglight.viewer.panels.lights.controls import edit_controls
 from asglight.viewer.state import picking
 from asglight.viewer.state.commands import command
+from asglight.viewer.state.edits.editing import rename
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Renaming
 
-_CONTROLS_EM = 19.0
+_CONTROLS_EM = 23.0
 """Height of the controls below the list."""
 
 _LIST_EM = 9.0
@@ -40,7 +42,8 @@ def lobes(state: ViewerState) -> None:
 
 def _list(state: ViewerState) -> None:
     energies = picking.energies(state.lobes)
-    total = max(float(energies.sum()), 1e-30)  # 1e-30: a black frame has shares of 0
+    order = _listed(state)
+    total = max(float(energies[order].sum()), 1e-30)  # 1e-30: a black frame has shares of 0
     if not imgui.begin_table("lobes", 4, _TABLE):
         return
     for name, width in (("lobe", 2.6), ("energy", 2.4)):
@@ -49,9 +52,18 @@ def _list(state: ViewerState) -> None:
         imgui.table_setup_column(name, imgui.TableColumnFlags_.width_fixed, widgets.em(1.5))
     imgui.table_setup_scroll_freeze(0, 1)
     imgui.table_headers_row()
-    for lobe in _order(Held(state.history.original)):
-        _row(state, lobe, float(energies[lobe]) / total)
+    for lobe in order:
+        _row(state, lobe, float(energies[lobe]) / total, order)
     imgui.end_table()
+
+
+def _listed(state: ViewerState) -> list[int]:
+    """Return the lobes that are there: those added first, the newest on top, then those fitted."""
+    fitted = state.history.original.lobes.count
+    added = range(state.tracks.lobes.count - 1, fitted - 1, -1)
+    present = set(state.history.present)
+    order = [*added, *_order(Held(state.history.original))]
+    return [lobe for lobe in order if lobe in present]
 
 
 @lru_cache(maxsize=2)
@@ -64,7 +76,7 @@ def _order(tracks: Held[LobeTracks]) -> list[int]:
     return energies.argsort(descending=True, stable=True).tolist()
 
 
-def _row(state: ViewerState, lobe: int, share: float) -> None:
+def _row(state: ViewerState, lobe: int, share: float, order: list[int]) -> None:
     selection = state.selection
     imgui.push_id(lobe)
     # All of a row on one line: what has padding would push down what follows.
@@ -78,13 +90,7 @@ def _row(state: ViewerState, lobe: int, share: float) -> None:
         ImVec2(widgets.em(0.8), widgets.em(0.8)),
     )
     imgui.same_line()
-    clicked, _ = imgui.selectable(state.lobe_names[lobe], selection.lobe == lobe)
-    if clicked:
-        state.select(lobe)
-    if selection.lobe == lobe and selection.is_new:
-        selection.is_new = False
-        imgui.set_scroll_here_y(0.5)
-    imgui.set_item_tooltip("Click to select. A star marks what was edited")
+    _name(state, lobe, order)
     if lobe in state.history.edited_lobes:
         imgui.same_line(imgui.get_content_region_avail().x - widgets.em(0.5))
         imgui.text_colored(widgets.ACCENT, "*")
@@ -97,13 +103,64 @@ def _row(state: ViewerState, lobe: int, share: float) -> None:
         imgui.table_next_column()
         if _switch(label, lobe in chosen):
             if label == "M":
-                state.toggle_mute(lobe)
+                state.toggle_mute(*state.together_with(lobe))
             else:
-                selection.solo.symmetric_difference_update({lobe})
+                state.toggle_solo(state.together_with(lobe))
         entry = command(name)
         widgets.tooltip(entry.name.replace("the selected", "this"), f"{entry.keys}, when selected")
     imgui.pop_style_var()
     imgui.pop_id()
+
+
+def _name(state: ViewerState, lobe: int, order: list[int]) -> None:
+    """Show a lobe's name to be selected, or the field in which it is typed."""
+    renaming, selection = state.renaming, state.selection
+    if renaming is not None and renaming.lobe == lobe:
+        _name_field(state, renaming)
+        return
+    stage_name, shown = state.tracks.names[lobe], state.lobe_names[lobe]
+    is_renamed = stage_name != shown
+    # A label ends before `##`, and a name may hold any text.
+    label = f"{shown.replace('##', '# #')}###{stage_name}" if is_renamed else stage_name
+    clicked, _ = imgui.selectable(label, lobe in state.selected)
+    if clicked:
+        _select(state, lobe, order)
+    if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
+        state.renaming = Renaming(lobe, shown)
+    if selection.lobe == lobe and selection.is_new:
+        selection.is_new = False
+        imgui.set_scroll_here_y(0.5)
+    imgui.set_item_tooltip(
+        (f"In the stage: {stage_name}\n" if is_renamed else "")
+        + "Click to select; with Ctrl more than one, with Shift all between. Double click to "
+        "rename.\nA star marks what was edited"
+    )
+
+
+def _select(state: ViewerState, lobe: int, order: list[int]) -> None:
+    io = imgui.get_io()
+    if io.key_ctrl:
+        state.select_also(lobe)
+    elif io.key_shift:
+        state.select_to(lobe, order)
+    else:
+        state.select(lobe)
+
+
+def _name_field(state: ViewerState, renaming: Renaming) -> None:
+    """Let a name be typed: Enter takes it, Escape leaves it."""
+    imgui.set_next_item_width(-1)
+    if not renaming.has_begun:
+        imgui.set_keyboard_focus_here()
+    flags = int(imgui.InputTextFlags_.enter_returns_true) | int(
+        imgui.InputTextFlags_.auto_select_all
+    )
+    entered, renaming.text = imgui.input_text("##name", renaming.text, flags)
+    if entered:
+        rename(state.history, renaming.lobe, renaming.text.strip())
+    if entered or (renaming.has_begun and imgui.is_item_deactivated()):
+        state.renaming = None
+    renaming.has_begun = renaming.has_begun or imgui.is_item_active()
 
 
 def _no_lobes(state: ViewerState) -> str:

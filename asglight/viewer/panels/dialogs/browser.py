@@ -9,10 +9,11 @@ from imgui_bundle import ImVec2, imgui
 from asglight.viewer.io.browsing import Browser, Entry, Kind
 from asglight.viewer.io.documents import Documents
 from asglight.viewer.panels import widgets
-from asglight.viewer.state.viewer_state import Request
+from asglight.viewer.state.views import Request
 
 _TITLES = {
     Request.OPEN: "Open",
+    Request.OPEN_AGAINST: "Open another stage as B",
     Request.SAVE_EDITS: "Save the edits as a layer",
     Request.SAVE_PICTURE: "Save the picture",
     Request.RENDER: "Render the frames: .png, .exr or .mp4",
@@ -52,6 +53,8 @@ def browser(documents: Documents, save: Callable[[Request, Path], None]) -> None
     imgui.end_popup()
     if chosen and shown.is_saving:
         save(shown.request, Path(chosen))
+    elif chosen and shown.request is Request.OPEN_AGAINST:
+        documents.open_against(chosen)
     elif chosen:
         documents.open(chosen)
     elif documents.browser is None:

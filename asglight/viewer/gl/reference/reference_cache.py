@@ -4,8 +4,7 @@
 from collections import OrderedDict
 from collections.abc import Hashable
 
-from asglight.viewer.gl.passes import release_target
-from asglight.viewer.gl.reference_pass import Accumulation
+from asglight.viewer.gl.reference.reference_pass import Accumulation
 
 
 class ReferenceCache:
@@ -37,11 +36,11 @@ class ReferenceCache:
         """
         before = self._held.pop(key, None)
         if before is not None:
-            release_target(before.target)
+            before.release()
         self._held[key] = accumulation
         while self.byte_count > self._budget_bytes:
             _, oldest = self._held.popitem(last=False)
-            release_target(oldest.target)
+            oldest.release()
 
     def take(self, key: Hashable) -> Accumulation | None:
         """Hand a picture over, or return None."""
@@ -51,4 +50,4 @@ class ReferenceCache:
         """Release all pictures."""
         while self._held:
             _, oldest = self._held.popitem()
-            release_target(oldest.target)
+            oldest.release()

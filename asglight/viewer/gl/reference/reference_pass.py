@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Balls lit by a latlong map, by the whole integral over the lights: the truth of the viewer.
 
-A few samples a GUI frame go into a running mean (shaders/reference.frag);
-docs/method/reference-balls.md has the method and its errors.
+Rough balls are there at once, from tables (smooth_balls.py). Of the others a few samples a GUI
+frame go into a running mean (shaders/reference.frag). docs/method/reference-balls.md has the
+methods and their errors.
 """
 
 from collections.abc import Sequence
@@ -12,7 +13,10 @@ import moderngl
 import numpy as np
 import torch
 
+from asglight.shading import ball_tables
+from asglight.shading.ball_tables import CameraMap
 from asglight.viewer.gl.passes import pass_program, radiance_target, release_target, target_texture
+from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_tabled
 from asglight.viewer.reference.reference_map import prepared
 from asglight.viewer.state.balls import Ball
 
@@ -33,6 +37,7 @@ class Accumulation:
         camera_from_world: Rows right, up, view.  [3, 3]
         cells: The square of each ball.
         target: The mean, linear radiance premultiplied by the coverage.
+        tables: What rough balls show; None for those that are sampled.
         samples: Samples of each pixel in the mean.
     """
 
@@ -40,7 +45,15 @@ class Accumulation:
     camera_from_world: np.ndarray
     cells: tuple[Cell, ...]
     target: moderngl.Framebuffer
+    tables: tuple[moderngl.Texture | None, ...]
     samples: int = 0
+
+    def release(self) -> None:
+        """Free the target and the tables."""
+        release_target(self.target)
+        for table in self.tables:
+            if table is not None:
+                table.release()
 
     @property
     def byte_count(self) -> int:
@@ -66,8 +79,10 @@ class ReferencePass:
         for unit, name in enumerate(names):
             self._program[name] = unit
         self._points = _points(context)
+        self._smooth = SmoothBalls(context, albedo_table)
         self._map: tuple[moderngl.Texture, ...] = ()
-        self.set_map(np.zeros((1, 2, 3), np.float32))
+        self._radiance = np.zeros((1, 2, 3), np.float32)
+        self.set_map(self._radiance)
 
     @property
     def samples(self) -> int:
@@ -96,6 +111,7 @@ class ReferencePass:
             radiance: Latlong, finite and not negative, float32, row 0 = +Y.  [H, W, 3]
         """
         ready = prepared(radiance)
+        self._radiance = radiance
         for texture in self._map:
             texture.release()
         rest = _texture(self._context, ready.levels[0])
@@ -127,14 +143,16 @@ class ReferencePass:
             size: Columns and rows of the target.
         """
         assert len(balls) == len(cells), (len(balls), len(cells))
-        before = self._accumulation
-        if before is not None and before.target.size == size:
-            target = before.target
-            target.clear()
-            self._accumulation = None
-        else:
-            target = self._blank(size)
-        self.resume(Accumulation(tuple(balls), camera_from_world.copy(), tuple(cells), target))
+        seen = CameraMap(self._radiance, camera_from_world)
+        tables = tuple(
+            self._smooth.table(ball_tables.ball(seen, ball.roughness, ball.f0, ball.albedo))
+            if is_tabled(ball)
+            else None
+            for ball in balls
+        )
+        target = self._blank(size)
+        rotation = camera_from_world.copy()
+        self.resume(Accumulation(tuple(balls), rotation, tuple(cells), target, tables))
 
     def detach(self) -> Accumulation | None:
         """Hand over the picture, if there is one: the caller now has to release it."""
@@ -145,16 +163,17 @@ class ReferencePass:
     def resume(self, accumulation: Accumulation) -> None:
         """Go on with a picture, of the map that it was begun with; release the one before."""
         before = self.detach()
-        unused = [before.target] if before is not None else []
         self._accumulation = accumulation
+        unused = None
         if self._spare.size != accumulation.target.size:
-            unused.append(self._spare)
-            self._spare = self._blank(accumulation.target.size)
+            unused, self._spare = self._spare, self._blank(accumulation.target.size)
         # The spare one keeps what it has outside the balls.
         self._spare.use()
         self._spare.clear()
-        for target in unused:
-            release_target(target)
+        if before is not None:
+            before.release()
+        if unused is not None:
+            release_target(unused)
 
     def accumulate(self, samples: int) -> None:
         """Add samples to each pixel, as far as the picture is not finished."""
@@ -163,13 +182,18 @@ class ReferencePass:
         if samples <= 0:
             return
         target = self._spare
+        balls = list(zip(picture.balls, picture.cells, picture.tables, strict=True))
+        for _, cell, table in balls:
+            if table is not None:
+                self._smooth.draw_table(table, cell, target)
         self._bind(picture)
         self._program["u_first"] = picture.samples
         self._program["u_samples"] = samples
         target.use()
         self._context.enable_only(moderngl.NOTHING)
-        for ball, cell in zip(picture.balls, picture.cells, strict=True):
-            self._draw(ball, cell, target)
+        for ball, cell, table in balls:
+            if table is None:
+                self._draw(ball, cell, target)
         target.viewport = (0, 0, *target.size)
         self._spare, picture.target = picture.target, target
         picture.samples += samples

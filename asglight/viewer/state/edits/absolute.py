@@ -20,7 +20,7 @@ from asglight.lobes import Form, Lobes, asg
 from asglight.usd.lights.colour_temperature import temperature_of
 from asglight.viewer.state.balls import Rgb
 from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY
-from asglight.viewer.state.edits import LOG2_MAX, TINT_MIN, Edit
+from asglight.viewer.state.edits.edit import LOG2_MAX, TINT_MIN, Edit, Span
 from asglight.viewer.uniforms.outlines import half_angles
 
 FIELDS = ("azimuth", "elevation", "roll", "width", "height", "intensity")
@@ -95,26 +95,26 @@ def lamp_of(lobe: Lobes) -> Lamp:
     )
 
 
-def edit_of(lobe: Lobes, place: tuple[int, int | None], field: str, value: float) -> Edit:
+def edit_of(lobe: Lobes, place: tuple[int, Span | None], field: str, value: float) -> Edit:
     """Return the edit that brings one value of a lobe to another.
 
     Args:
         lobe: The lobe in the frame in which the value is to be met.  [.]
-        place: Index of the lobe, and of the frame to edit; None for all frames.
+        place: Index of the lobe, and where the edit holds; None for all frames.
         field: One of FIELDS.
         value: In the units of `Lamp`.
     """
-    index, frame = place
+    index, span = place
     lamp = lamp_of(lobe)
     if field == "intensity":
         stops = value - lamp.intensity if math.isfinite(lamp.intensity) else 0.0
         stops = max(-LOG2_MAX, min(LOG2_MAX, stops))
-        return Edit(index, frame, gain_log2=(stops, stops, stops))
+        return Edit(index, span, gain_log2=(stops, stops, stops))
     if field in ("width", "height"):
         axis = int(field == "height")
         power = _power(lobe, axis, math.radians(value) / 2)
         powers = (power, power) if lobe.form is Form.SG else (power * (1 - axis), power * axis)
-        return Edit(index, frame, sharpness_log2=powers)
+        return Edit(index, span, sharpness_log2=powers)
     axes = lobe.axes.to("cpu", torch.float64).numpy()
     around = {
         "azimuth": (np.array([0.0, 1.0, 0.0]), value - lamp.azimuth),
@@ -122,15 +122,15 @@ def edit_of(lobe: Lobes, place: tuple[int, int | None], field: str, value: float
         "roll": (axes[2], value - lamp.roll),
     }
     axis_of_turn, degrees = around[field]
-    return Edit(index, frame, rotation=_quaternion(axis_of_turn, math.radians(degrees)))
+    return Edit(index, span, rotation=_quaternion(axis_of_turn, math.radians(degrees)))
 
 
-def colour_edit(lobe: Lobes, place: tuple[int, int | None], colour: Sequence[float]) -> Edit:
+def colour_edit(lobe: Lobes, place: tuple[int, Span | None], colour: Sequence[float]) -> Edit:
     """Return the edit that gives a lobe another colour and leaves its luminance.
 
     Args:
         lobe: The lobe in the frame in which the colour is to be met.  [.]
-        place: Index of the lobe, and of the frame to edit; None for all frames.
+        place: Index of the lobe, and where the edit holds; None for all frames.
         colour: Linear RGB of any luminance above 0.
     """
     before = np.maximum(lamp_of(lobe).colour, TINT_MIN)

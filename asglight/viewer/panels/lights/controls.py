@@ -9,8 +9,10 @@ from imgui_bundle import imgui
 from asglight.lobes import Form
 from asglight.usd.lights.colour_temperature import KELVIN_LIMITS, rgb_of
 from asglight.viewer.panels import widgets
-from asglight.viewer.state.absolute import Lamp, lamp_of
 from asglight.viewer.state.display import EXPOSURE_EV_MAX
+from asglight.viewer.state.edits.absolute import Lamp, lamp_of
+from asglight.viewer.state.edits.editing import SOFT_MAX, Scope
+from asglight.viewer.state.edits.hue import SATURATION_MAX, hue_of, with_hue
 from asglight.viewer.state.viewer_state import ViewerState
 
 _TINT_LIMITS = (-3.0, 3.0)
@@ -33,12 +35,14 @@ _FIELDS = (
 
 
 def edit_controls(state: ViewerState) -> None:
-    """Draw the controls of the selected lobe, and under them those of all edits."""
-    lobe = state.selection.lobe
-    title = "No lobe selected" if lobe is None else state.lobe_names[lobe]
+    """Draw the controls of the selected lobes, and under them those of all edits."""
+    selected = state.selected
+    title = state.lobe_names[selected[0]] if selected else "No lobe selected"
+    if len(selected) > 1:
+        title += f" and {len(selected) - 1} more, which change alike"
     imgui.separator_text(title)
-    if lobe is not None:
-        _controls(state, lobe)
+    if selected:
+        _controls(state, selected[0])
     widgets.button(state, "Undo", "undo")
     imgui.same_line()
     widgets.button(state, "Redo", "redo")
@@ -47,19 +51,45 @@ def edit_controls(state: ViewerState) -> None:
     explanation = "Write the edits as a layer over the stage, which stays as it is."
     widgets.button(state, "Save the edits as a layer", "save layer...", explanation)
     imgui.end_disabled()
+    imgui.same_line()
+    place = "where the pointer was last in the map or on a ball"
+    widgets.button(state, "Add a lobe at the pointer", "add", f"Add a lobe {place}.")
+    imgui.begin_disabled(not selected)
+    imgui.same_line()
+    widgets.button(state, "Delete the selected lobe", "delete")
+    imgui.end_disabled()
+
+
+def _scope(state: ViewerState) -> None:
+    """Choose where an edit holds."""
+    editing = state.editing
+    editing.scope = widgets.choice(
+        "frames",
+        editing.scope,
+        "Where an edit holds: in every frame, in the shown one, or from the in to the out point.",
+    )
+    if editing.scope is not Scope.RANGE:
+        return
+    changed, soft = imgui.slider_int(
+        "soft ends", editing.soft, 0, SOFT_MAX, "%d frames", imgui.SliderFlags_.clamp_on_input
+    )
+    widgets.tooltip("Frames over which the edit comes before the in point and goes after the out.")
+    if changed:
+        editing.soft = soft
+    if not editing.reaches(state.moment):
+        imgui.text_disabled("Go between in and out to edit.")
 
 
 def _controls(state: ViewerState, lobe: int) -> None:
     lamp = lamp_of(state.lobes[lobe])
-    fitted = lamp_of(state.fitted_lobes[lobe])
+    fitted = lamp_of(state.fitted_lobe(lobe))
     imgui.push_item_width(-widgets.em(6.5))
-    state.editing.scope = widgets.choice(
-        "frames", state.editing.scope, "Where an edit holds: in every frame, or in the shown one."
-    )
+    _scope(state)
     is_black = not math.isfinite(lamp.intensity)
     if is_black:
         imgui.text_disabled("It gives no light in this frame.")
-    imgui.begin_disabled(is_black or state.playback.is_between)
+    reaches = state.editing.reaches(state.moment)
+    imgui.begin_disabled(is_black or state.playback.is_between or not reaches)
     is_round = state.tracks.lobes.form is Form.SG
     for field, limits, unit, decimals, explanation in _FIELDS:
         if is_round and field in ("roll", "height"):
@@ -104,6 +134,15 @@ def _colour(state: ViewerState, lamp: Lamp, fitted: Lamp) -> None:
     if widgets.wants_reset():
         _set_colour(state, fitted.colour)
         state.editing.commit(state.history)
+    hue, saturation = hue_of(lamp.colour)
+    changed, hue = widgets.slider(
+        "hue", hue, (0.0, 360.0), "deg", "0 red, 120 green, 240 blue.", decimals=0
+    )
+    _live_colour(state, changed, lambda: with_hue(lamp.colour, hue=hue))
+    changed, saturation = widgets.slider(
+        "saturation", saturation, (0.0, SATURATION_MAX), "", "0 is grey.", decimals=3
+    )
+    _live_colour(state, changed, lambda: with_hue(lamp.colour, saturation=saturation))
     kelvin, tint = lamp.kelvin, lamp.tint
     changed, kelvin = widgets.slider(
         "temperature", kelvin, KELVIN_LIMITS, "K", "Colour of a black body, as in USD.", decimals=0
@@ -133,12 +172,8 @@ def _live_colour(
 
 
 def _set(state: ViewerState, field: str, value: float) -> None:
-    lobe = state.selection.lobe
-    assert lobe is not None  # its controls are shown
-    state.editing.set_value(state.history, lobe, state.playback.index, field, value)
+    state.editing.set_value(state.history, state.selected, state.moment, field, value)
 
 
 def _set_colour(state: ViewerState, colour: list[float] | tuple[float, ...]) -> None:
-    lobe = state.selection.lobe
-    assert lobe is not None
-    state.editing.set_colour(state.history, lobe, state.playback.index, colour)
+    state.editing.set_colour(state.history, state.selected, state.moment, colour)
