@@ -9,7 +9,7 @@ SEQUENCES2X ?= ../shared/sequences2x
 VERSION := $(shell sed -n 's/^__version__ = "\(.*\)"/\1/p' asglight/__init__.py)
 EXTENSION = dist/asglight-blender-$(VERSION).zip
 
-.PHONY: help setup setup-dcc release results docs blender-extension test-blender blender-pictures demo bench bench-fit bench-motion bench-command gpu stress soak test test-fast test-usd test-dcc test-dcc-short \
+.PHONY: help setup setup-dcc release results docs blender-extension test-blender blender-pictures demo bench bench-fit bench-motion bench-command gpu stress stress-short soak test test-fast test-usd test-dcc test-dcc-short \
   test-ball-truth dcc-picture lint format clean
 
 help:            ## list the targets
@@ -33,6 +33,9 @@ bench: setup     ## error against run time, in two minutes each, held against th
 
 stress: setup    ## stiff, extreme and broken input, measured (stress-output/)
 	$(BIN)/asglight stress -o stress-output
+
+stress-short: setup  ## what changes over time, and a tenth of the other cases (stress-output/)
+	$(BIN)/asglight stress --sample 0.1 -o stress-output
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
 	$(BIN)/python -m benchmarks.fits --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
