@@ -97,7 +97,7 @@ def _labels(
 ) -> None:
     """Say what each row of balls is, and how far each ball is off."""
     fit, reference, truth = titles(state)
-    progress = _progress(renderer)
+    progress = "   preview" if state.is_moving and state.references else _progress(renderer)
     pad = widgets.em(0.4)
     if state.scene is Scene.GROUND:
         title = f"{fit}, {state.balls[state.ground_ball].name}"

@@ -182,7 +182,7 @@ class ViewerState:
         self.history = EditHistory(tracks, muted)
         self.playback = Playback(tracks.frames, tracks.fps)
         self.span = TimeSpan(tracks.frames[0], tracks.frames[-1] + 1)
-        self.selection = Selection(self._brightest())
+        self.selection = Selection(self.brightest())
         self.compare_with(references)
 
     def compare_with(self, references: Reference | None) -> None:
@@ -215,7 +215,7 @@ class ViewerState:
         had_lobes = self.tracks.lobes.count > 0
         self.history = self.history.over(tracks)
         if not had_lobes:
-            self.select(self._brightest())
+            self.select(self.brightest())
         if tracks.frames != self.playback.frames:
             frame = self.playback.frame
             self.span = TimeSpan(tracks.frames[0], tracks.frames[-1] + 1)
@@ -428,6 +428,6 @@ class ViewerState:
         self.selection.lobe = first
         self.selection.others = tuple(other for other in between if other != first)
 
-    def _brightest(self) -> int | None:
+    def brightest(self) -> int | None:
         """Return the lobe with the most energy in the shown frame, if there are any."""
         return int(energies(self.lobes).argmax()) if self.tracks.lobes.count else None
