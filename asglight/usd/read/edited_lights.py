@@ -240,7 +240,7 @@ def _with_dome(
         return lobes, [f"{dome.GetPath()}: is no DomeLight; its lobes are as they were"]
     found = dome_edits(view, dome)
     words = found.words
-    if found.brightened:
+    if found.dimmed:
         scaled = lobes.amplitude * torch.from_numpy(found.light)[:, None]
         lobes = replace(lobes, amplitude=torch.where(own, scaled, lobes.amplitude))
     if found.turned:
@@ -255,29 +255,29 @@ class DomeEdits(NamedTuple):
     Attributes:
         light: What its images are multiplied by.  [F, 3]
         turns: How it is turned in the rig, orthogonal, for row vectors.  [F, 3, 3]
-        brightened: What is said of its light.
+        dimmed: What is said of its light.
         turned: What is said of its turn.
     """
 
     light: Array
     turns: Array
-    brightened: list[str]
+    dimmed: list[str]
     turned: list[str]
 
     @property
     def words(self) -> list[str]:
         """Return all that is said."""
-        return [*self.brightened, *self.turned]
+        return [*self.dimmed, *self.turned]
 
 
 def dome_edits(view: View, dome: Usd.Prim) -> DomeEdits:
     """Find what another program changed in a dome that is there."""
     light = view.brightness(dome) * ~view.hidden(dome)[:, None]
-    brightened = _factor("light", np.ones(len(light)), light.max(-1))
-    brightened += ["another colour"] if np.ptp(light, axis=-1).max() > EDITED else []
+    dimmed = _factor("light", np.ones(len(light)), light.max(-1))
+    dimmed += ["another colour"] if np.ptp(light, axis=-1).max() > EDITED else []
     left, _, right = np.linalg.svd(view.placement.relative(view.world(dome))[:, :3])
     turns = upright(dome)[:3, :3].T @ (left @ right)
-    return DomeEdits(light, turns, brightened, turn_words(turns))
+    return DomeEdits(light, turns, dimmed, turn_words(turns))
 
 
 def upright(dome: Usd.Prim) -> Array:
