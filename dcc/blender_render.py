@@ -91,10 +91,21 @@ def set_cycles(scene: bpy.types.Scene, samples: int) -> None:
 
 def all_balls(scene: bpy.types.Scene, size: int, seeds: list[int], views: list[str]) -> np.ndarray:
     """Render the row of balls from some sides.  [seed, view, material, size, size, 3]."""
-    count = len(balls.MATERIALS)
-    places = [2 * RADIUS * (index - (count - 1) / 2) for index in range(count)]
-    for place, roughness in zip(places, balls.MATERIALS.values(), strict=True):
-        add_ball(scene, place, roughness)
+    add_row(scene, list(balls.MATERIALS.values()))
+    return row_pictures(scene, len(balls.MATERIALS), size, seeds, views)
+
+
+def add_row(scene: bpy.types.Scene, roughnesses: list[float | None]) -> None:
+    """Add white balls side by side."""
+    count = len(roughnesses)
+    for index, roughness in enumerate(roughnesses):
+        add_ball(scene, 2 * RADIUS * (index - (count - 1) / 2), roughness)
+
+
+def row_pictures(
+    scene: bpy.types.Scene, count: int, size: int, seeds: list[int], views: list[str]
+) -> np.ndarray:
+    """Render a row of balls that is there.  [seed, view, count, size, size, 3]."""
     images = []
     for seed in seeds:
         scene.cycles.seed = seed
@@ -139,6 +150,13 @@ def add_ball(scene: bpy.types.Scene, place: float, roughness: float | None) -> N
     )
     ball = bpy.context.object
     bpy.ops.object.shade_smooth()
+    ball.data.materials.append(white(roughness))
+    for ray in ("diffuse", "glossy", "transmission", "shadow", "volume_scatter"):
+        setattr(ball, f"visible_{ray}", False)
+
+
+def white(roughness: float | None) -> bpy.types.Material:
+    """Return a white material: GGX of a roughness, or Lambertian for None."""
     material = bpy.data.materials.new("white")
     material.use_nodes = True
     nodes = material.node_tree.nodes
@@ -151,9 +169,7 @@ def add_ball(scene: bpy.types.Scene, place: float, roughness: float | None) -> N
         surface.distribution = "GGX"
     output = nodes.new("ShaderNodeOutputMaterial")
     material.node_tree.links.new(surface.outputs[0], output.inputs["Surface"])
-    ball.data.materials.append(material)
-    for ray in ("diffuse", "glossy", "transmission", "shadow", "volume_scatter"):
-        setattr(ball, f"visible_{ray}", False)
+    return material
 
 
 def aim(scene: bpy.types.Scene, frame: np.ndarray, width: float) -> None:

@@ -25,7 +25,7 @@ ALLOWED = {
     "judging": {"sphere", "lobes", "shading", "fitting", "images", "keys", "usd", "peers"},
     "shots": {"sphere", "lobes", "fitting", "images", "keys", "usd"},
     "arrays": {"sphere", "lobes", "shading", "fitting", "images", "judging", "shots"},
-    "export": {"lobes", "shading", "images"},
+    "export": {"sphere", "lobes", "shading", "images"},
     "viewer": {"sphere", "lobes", "shading", "usd", "images"},
     "page": {"sphere", "lobes", "shading", "images", "judging", "viewer"},
     "cli": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers", "judging", "sky"}

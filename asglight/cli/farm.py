@@ -9,13 +9,14 @@ from asglight.cli.options.reading import read_options
 from asglight.cli.options.stage_options import given_stage_options
 from asglight.cli.printing import counted, frame_range, print_json
 from asglight.cli.progress import reporter
+from asglight.cli.sources.key_cutting import Cutting, cut_keys
 from asglight.errors import InputError
 from asglight.fitting.options import FitOptions
 from asglight.images import open_sequence
 from asglight.images.message import shown
 from asglight.shots.parts.chunks import CHUNK, OVERLAP, Shot
 from asglight.shots.parts.joining import part_rows
-from asglight.usd.options import StageOptions
+from asglight.usd.options import KeyOptions, StageOptions, check_key_options, without_keys
 
 EXAMPLE = (
     "asglight fit day.####.exr tunnel.####.exr -o stages/ --scheduler tcp://farm:8786 --resume"
@@ -49,10 +50,12 @@ def one_input(arguments: argparse.Namespace) -> str:
     return arguments.input[0]
 
 
-def run(arguments: argparse.Namespace, options: FitOptions) -> int:
-    """Fit every input on the cluster, and say what was written."""
+def run(arguments: argparse.Namespace, options: FitOptions, keys: KeyOptions | None) -> int:
+    """Fit every input on the cluster, cut keys here, and say what was written."""
     from asglight.shots.parts.farm import fit_on_farm
 
+    if keys is not None:
+        check_key_options(keys)
     shots = shots_from(arguments, options)
     with reporter() as report:
         stages = fit_on_farm(
@@ -62,6 +65,10 @@ def run(arguments: argparse.Namespace, options: FitOptions) -> int:
             resume=arguments.resume,
             on_progress=report,
         )
+        for stage, shot in zip(stages, shots, strict=True):
+            if keys is not None:
+                names = given_stage_options(arguments).get("representations")
+                cut_keys(stage, stage, Cutting(shot.source, keys, shot.reading, names), report)
     documents = [as_document(stage) for stage in stages]
     if arguments.json:
         print_json({"shots": documents})
@@ -109,7 +116,7 @@ def shots_from(arguments: argparse.Namespace, options: FitOptions) -> list[Shot]
                 arguments.fps,
                 arguments.missing,
                 read_options(arguments),
-                StageOptions(**given_stage_options(arguments)),
+                without_keys(StageOptions(**given_stage_options(arguments))),
                 names_from_of(arguments, stage),
             )
         )

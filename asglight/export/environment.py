@@ -20,6 +20,7 @@ from torch import Tensor
 
 from asglight import __version__
 from asglight.export import albedo, glsl_text
+from asglight.export.keyed import TERMS
 from asglight.images.output import written_beside
 from asglight.lobes import Form, Lobes, LobeTracks, flat
 from asglight.shader_files import enum_number, included_lines
@@ -33,6 +34,22 @@ ENTRIES = tuple(
     f"asglight_{name}" for name in ("evaluate", "irradiance", "albedo", "reflection", "shade")
 )
 """What the include is for; all else in it is there for these."""
+
+KEYED_ENTRIES = tuple(
+    f"asglight_{name}"
+    for name in (
+        "evaluate",
+        "irradiance",
+        "rest_irradiance",
+        "keyed_irradiance",
+        "albedo",
+        "reflection",
+        "keyed_shade",
+    )
+)
+"""The same of keys and rest; what shades with keys alone would be too dark, so it is left out."""
+
+REST = "asg_rest"
 
 BLOCK = "AsglightFrame"
 """The uniform block of a shot that moves."""
@@ -72,6 +89,33 @@ precision highp int;
 #endif
 """
 
+_KEYED_HEADER = """\
+// SPDX-License-Identifier: Apache-2.0
+// An HDR environment as {keys} and a rest, {span}. Made by asglight {version}.
+//
+//   vec3 asglight_keyed_irradiance(vec3 normal)  of keys and rest; matte surfaces show
+//                                                albedo / pi times that
+//   vec3 asglight_keyed_shade(vec3 normal, vec3 view, float roughness, vec3 f0, vec3 base,
+//                             vec3 rest)         what GGX over a matte base shows the camera; rest
+//                                                is the rest in the mirrored direction, prefiltered
+//   vec3 asglight_rest_irradiance(vec3 normal)   of the rest alone
+//   vec3 asglight_irradiance(vec3 normal)        of the keys alone
+//   vec3 asglight_reflection(vec3 normal, vec3 view, float roughness, vec3 f0)
+//                                                of the keys alone, by GGX; alpha = roughness^2
+//   vec3 asglight_evaluate(vec3 direction)       linear radiance of the keys alone
+//   vec3 asglight_albedo(float cos_view, float roughness, vec3 f0)
+//                                                what the layer reflects in a white furnace
+//
+// Vectors are unit, in the world of the stage: right-handed, +Y up. Colours are linear Rec.709.
+// GLSL 3.30 core or GLSL ES 3.00: put it after #version. What begins with asg_, ASG_ or Asg is its
+// own; docs/reference/export.md of asglight has the rest.
+{block}
+#ifdef GL_ES
+precision highp float;
+precision highp int;
+#endif
+"""
+
 _BLOCK_HEADER = """\
 //
 // The lobes are in the uniform block {block}: {size} bytes, little-endian float32. {file} holds
@@ -79,25 +123,29 @@ _BLOCK_HEADER = """\
 """
 
 
+_SOURCES = ("lib/ggx_lobes_free.glsl", "export/environment.glsl", "export/rest.glsl")
+
+
 class Environment(NamedTuple):
     """What `write_glsl` writes.
 
     Attributes:
         text: The include.
-        blocks: The uniform block of each frame; None where all frames are the same and the lobes
-            are constants of the text.  [F, 5, M, 4]
+        blocks: The uniform block of each frame, five vectors a sheet, then nine of a rest; None
+            where all frames are the same and the lobes are constants of the text.  [F, V, 4]
     """
 
     text: str
     blocks: NDArray[np.float32] | None
 
 
-def write_glsl(path: str | Path, tracks: LobeTracks) -> list[Path]:
+def write_glsl(path: str | Path, tracks: LobeTracks, rest: Tensor | None = None) -> list[Path]:
     """Write tracks as a GLSL include; where they move, also the blocks of their frames beside it.
 
     Args:
         path: The target; its folder must exist, and its suffix is not BLOCKS_SUFFIX.
-        tracks: Lobes of all frames.
+        tracks: Lobes of all frames, or keys.
+        rest: Irradiance beside keys, as of `keyed.irradiance_terms`.  [F, 9, 3]
 
     Returns:
         The files that were written, the include first.
@@ -107,7 +155,7 @@ def write_glsl(path: str | Path, tracks: LobeTracks) -> list[Path]:
     """
     path = Path(path)
     beside = path.with_suffix(BLOCKS_SUFFIX)
-    made = environment(tracks, beside.name)
+    made = environment(tracks, beside.name, rest)
     with written_beside(path) as place:
         place.write_text(made.text, encoding="utf-8")
         if made.blocks is None:
@@ -117,12 +165,13 @@ def write_glsl(path: str | Path, tracks: LobeTracks) -> list[Path]:
     return [path, beside]
 
 
-def environment(tracks: LobeTracks, blocks_name: str) -> Environment:
+def environment(tracks: LobeTracks, blocks_name: str, rest: Tensor | None = None) -> Environment:
     """Return the include and the blocks.
 
     Args:
         tracks: N lobes in F frames; those without light in any frame are left out.
         blocks_name: Of the file of the blocks, for the head of the text.
+        rest: As of `write_glsl`.
     """
     lit = _lit(tracks.lobes.to("cpu", torch.float64))
     count, form = lit.count, lit.form
@@ -130,9 +179,15 @@ def environment(tracks: LobeTracks, blocks_name: str) -> Environment:
         lit = flat.terms(lit)
     made = sheets(lit)
     blocks = np.stack([rows.float().numpy() for rows in _vectors(lit, made).values()], axis=1)
+    sheet_count = blocks.shape[2]
+    blocks = blocks.reshape(len(blocks), -1, 4)
+    if rest is not None:
+        padded = np.pad(rest.float().numpy(), ((0, 0), (0, 0), (0, 1)))
+        blocks = np.concatenate([blocks, padded], axis=1)
     is_still = bool((blocks == blocks[:1]).all())
-    head = _HEADER.format(
+    head = (_HEADER if rest is None else _KEYED_HEADER).format(
         count=count,
+        keys="1 key" if count == 1 else f"{count} keys",
         form=form,
         span=_span(tracks),
         version=__version__,
@@ -140,8 +195,11 @@ def environment(tracks: LobeTracks, blocks_name: str) -> Environment:
         if is_still
         else _BLOCK_HEADER.format(block=BLOCK, size=blocks[0].nbytes, file=blocks_name),
     )
-    data = _constant_vectors(blocks[0]) if is_still else _uniform_block(blocks.shape[2])
-    text = f"{head}\n{data}\n{_functions(lit, made)}"
+    if is_still:
+        data = _constant_vectors(blocks[0], sheet_count)
+    else:
+        data = _uniform_block(sheet_count, has_rest=rest is not None)
+    text = f"{head}\n{data}\n{_functions(lit, made, has_rest=rest is not None)}"
     return Environment(text, None if is_still else blocks)
 
 
@@ -173,27 +231,42 @@ def _vectors(lobes: Lobes, made: Sheets) -> Mapping[str, Tensor]:
     return {name: torch.cat([xyz, w[..., None]], dim=-1) for name, (xyz, w) in parts.items()}
 
 
-def _constant_vectors(block: NDArray[np.float32]) -> str:
-    """Return the vectors as constants.  [5, M, 4]."""
-    arrays = zip(VECTORS.items(), block, strict=True)
-    return "".join(f"// {note}\n{_array(name, rows)}\n" for (name, note), rows in arrays)
+_REST_NOTE = "rgb coefficients of the rest's irradiance"
 
 
-def _uniform_block(count: int) -> str:
+def _constant_vectors(block: NDArray[np.float32], count: int) -> str:
+    """Return the vectors as constants.
+
+    Args:
+        block: [V, 4]
+        count: Of the sheets.
+    """
+    places = range(0, len(VECTORS) * count, count)
+    arrays = [
+        (*one, block[at : at + count]) for one, at in zip(VECTORS.items(), places, strict=True)
+    ]
+    if len(block) > len(VECTORS) * count:
+        arrays.append((REST, _REST_NOTE, block[len(VECTORS) * count :]))
+    return "".join(f"// {note}\n{_array(name, rows)}\n" for name, note, rows in arrays)
+
+
+def _uniform_block(count: int, *, has_rest: bool) -> str:
     members = "".join(
         f"    vec4 {name}[{count}];{' ' * (14 - len(name))}// {note}\n"
         for name, note in VECTORS.items()
     )
+    if has_rest:
+        members += f"    vec4 {REST}[{TERMS}];{' ' * (14 - len(REST))}// {_REST_NOTE}\n"
     return f"layout(std140) uniform {BLOCK} {{\n{members}}};\n"
 
 
-def _functions(lobes: Lobes, made: Sheets) -> str:
+def _functions(lobes: Lobes, made: Sheets, *, has_rest: bool) -> str:
     """Return the functions with the constants that they need, under names of their own."""
     is_round = bool((made.disc_variance[..., 0] == made.disc_variance[..., 1]).all())
     defined = {str(lobes.form).upper(), *(["ISOTROPIC"] if is_round else [])}
     functions = [
         block
-        for name in ("lib/ggx_lobes_free.glsl", "export/environment.glsl")
+        for name in _SOURCES[: 3 if has_rest else 2]
         for block in glsl_text.blocks(
             glsl_text.resolved([line.text for line in included_lines(name)], defined)
         )
@@ -203,7 +276,8 @@ def _functions(lobes: Lobes, made: Sheets) -> str:
         *(glsl_text.Block(name, _scalar(name, value)) for name, value in scalars.items()),
         *(glsl_text.Block(name, _array(name, rows)) for name, rows in _fitted(made.window).items()),
     ]
-    chosen = glsl_text.reached([*constants, *functions], ENTRIES)
+    entries = KEYED_ENTRIES if has_rest else ENTRIES
+    chosen = glsl_text.reached([*constants, *functions], entries)
     text = "\n".join(f"{block.text}\n" for block in chosen)
     text = glsl_text.renamed(text, glsl_text.prefixed(block.name for block in chosen))
     # Constants of one line need no blank line between them.

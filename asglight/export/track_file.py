@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from asglight.errors import InputError
+from asglight.export.keyed import KeyedLight, key_rows, rest_row
 from asglight.images.message import shown
 from asglight.images.output import written_beside
 from asglight.lobes import Form, Lobes, LobeTracks, frames
@@ -53,13 +54,29 @@ FORMULAS = {
 }
 
 
-def write_json(path: str | Path, tracks: LobeTracks, names: Sequence[str]) -> None:
+KEYED_CONVENTION = (
+    "Light with the lobes, or with keys and rest, which are the same light; never with both. A key "
+    "is a rectangle of one radiance in the plane at distance 1 in the direction center, along "
+    "axis_x and axis_y, half_size from its middle either way. irradiance: on a surface that faces "
+    "center. images: latlong, one a frame, +Y up, the rest. irradiance_sh: of the rest on a normal "
+    "(x, y, z), c0 + c1 y + c2 z + c3 x + c4 x y + c5 y z + c6 (3 z^2 - 1) + c7 x z + "
+    "c8 (x^2 - y^2)."
+)
+
+
+def write_json(
+    path: str | Path,
+    tracks: LobeTracks,
+    names: Sequence[str],
+    keyed: KeyedLight | None = None,
+) -> None:
     """Write tracks as a JSON file.
 
     Args:
         path: The target; its folder must exist.
         tracks: N lobes in F frames.
         names: Of the N lobes.
+        keyed: Keys and rest of the same frames, where the stage has them.
 
     Raises:
         InputError: The file cannot be written there, or there are more samples than SAMPLES_MAX.
@@ -85,8 +102,16 @@ def write_json(path: str | Path, tracks: LobeTracks, names: Sequence[str]) -> No
         }
         for index, name in enumerate(names)
     ]
+    lists = {"lobes": rows}
+    if keyed is not None:
+        header["keyed_convention"] = KEYED_CONVENTION
+        header["rest"] = rest_row(keyed, path.parent)
+        lists["keys"] = [
+            {"name": name, **{key: _track(values) for key, values in columns.items()}}
+            for name, columns in key_rows(keyed)
+        ]
     with written_beside(path) as place:
-        place.write_text(_document(header, rows), encoding="utf-8")
+        place.write_text(_document(header, lists), encoding="utf-8")
 
 
 def read_json(path: str | Path) -> LobeTracks:
@@ -117,14 +142,16 @@ def read_json(path: str | Path) -> LobeTracks:
     return LobeTracks(numbers, float(fps), _lobes(path, document.get("lobes"), numbers, Form(form)))
 
 
-def _document(header: dict[str, Any], rows: list[dict[str, Any]]) -> str:
-    """Return the JSON text: a line for each entry of the header and for each lobe."""
+def _document(header: dict[str, Any], lists: dict[str, list[dict[str, Any]]]) -> str:
+    """Return the JSON text: a line for each entry of the header, for each lobe and each key."""
     compact: dict[str, Any] = {"separators": (",", ":"), "allow_nan": False}
     entries = [
         f"{json.dumps(key)}: {json.dumps(value, **compact)}" for key, value in header.items()
     ]
-    listed = ",\n".join(json.dumps(row, **compact) for row in rows)
-    return "{\n" + ",\n".join([*entries, f'"lobes": [\n{listed}\n]']) + "\n}\n"
+    for name, rows in lists.items():
+        listed = ",\n".join(json.dumps(row, **compact) for row in rows)
+        entries.append(f"{json.dumps(name)}: [\n{listed}\n]")
+    return "{\n" + ",\n".join(entries) + "\n}\n"
 
 
 def _track(values: Tensor) -> list[Any]:

@@ -33,8 +33,8 @@ APART_WEIGHT, BALL_WEIGHTS = 0.3, (4.0, 12.0)
 (`asglight.keys.cut`), so that none is bought with another."""
 
 CENTRE_WEIGHT = 10.0
-"""Of the flux times the way that a card's light is off its lamp's mean direction, in radians: what
-turns shadows and Lambert's cosine."""
+"""Of the flux times the way that a card's middle is off its lamp's mean direction, in radians: what
+turns shadows and Lambert's cosine. Within a texel nothing else would tell where a card is."""
 
 STEADY_WEIGHT = 2e-3
 """Of the logarithm of a card's size against that of the lamp's moments. A lamp of one texel is
@@ -181,7 +181,7 @@ class _Cost:
     def __init__(self, patch: Patch, light: Array) -> None:
         self._patch, self._light = patch, light / light.sum()
         self._balls = balls(patch)
-        self._usual = moment_card(patch, light).extent
+        self._usual = moment_card(patch, light)
 
     def __call__(self, card: Card) -> float:
         off = off_by(card, self._patch, self._light)
@@ -193,8 +193,8 @@ class _Cost:
         return (
             APART_WEIGHT * apart(off)
             + far
-            + CENTRE_WEIGHT * float(np.linalg.norm(off @ self._patch.centres))
-            + STEADY_WEIGHT * float((np.log(card.extent / self._usual) ** 2).sum())
+            + CENTRE_WEIGHT * float(np.linalg.norm(card.axes[2] - self._usual.axes[2]))
+            + STEADY_WEIGHT * float((np.log(card.extent / self._usual.extent) ** 2).sum())
         )
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from asglight.usd.read.tracks import Reading, read_stage, read_usd
     from asglight.usd.schema import SCHEMA_FOLDER
     from asglight.usd.write.edit_layer import write_edit_layer
+    from asglight.usd.write.key_edits import write_key_edits
     from asglight.usd.write.representing import add_representations
     from asglight.usd.write.stage_file import write_usd
     from asglight.usd.write.staging import WriteReport
@@ -39,6 +40,7 @@ __all__ = [
     "read_stage",
     "read_usd",
     "write_edit_layer",
+    "write_key_edits",
     "write_usd",
 ]
 
@@ -57,6 +59,7 @@ _HOME = {
     "read_stage": "read.tracks",
     "read_usd": "read.tracks",
     "write_edit_layer": "write.edit_layer",
+    "write_key_edits": "write.key_edits",
     "write_usd": "write.stage_file",
 }
 

@@ -6,7 +6,7 @@ it ends.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -125,6 +125,12 @@ class StageOptions:
     def card_distance(self) -> float:
         """Return the distance of the cards in stage units."""
         return DISTANCE_M / self.meters_per_unit if self.distance is None else self.distance
+
+
+def without_keys(options: StageOptions) -> StageOptions:
+    """Return options of a stage without keys: cards, where it holds nothing else."""
+    names = tuple(one for one in options.representations if one != Representation.KEYS)
+    return replace(options, representations=names or (Representation.CARDS,))
 
 
 def check_stage_name(path: Path) -> None:

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One picture of keys and rest: the map with its keys drawn on it, the rest, and balls.
+r"""One picture of keys and rest: the map with its keys drawn on it, the rest, and balls.
 
-    python -m benchmarks.keyed.sheet ../shared/hdri/lobby.exr -o docs/images/keys.png
+    make blender-extension
+    python -m benchmarks.keyed.sheet MAP.exr --zip dist/asglight-blender-0.1.0.zip \
+        -o docs/images/keys.png
 
 The balls, mirror, silver and matte, are lit by the map, by its lobes, and by keys plus rest as a
-stage shows them.
+stage shows them. With the extension a small set is rendered in Blender under the three as well.
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +18,9 @@ from pathlib import Path
 import numpy as np
 import torch
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from torch import Tensor
 
 from asglight.fitting.options import FIT_HEIGHT, FitOptions
 from asglight.fitting.sequence import fit_frame
@@ -23,15 +28,27 @@ from asglight.images import read_latlong
 from asglight.judging import keyed
 from asglight.judging.compare.spheres import SPHERES, render
 from asglight.judging.metrics import maps_errors
-from asglight.judging.pictures.display import ball_exposure_stops, exposure_stops, view_transform
+from asglight.judging.pictures.display import (
+    ball_exposure_stops,
+    exposure_stops,
+    luminance,
+    view_transform,
+)
 from asglight.judging.pictures.figures import cut_out, show
-from asglight.judging.pictures.layout import FAINT, TEXT, Grid, save, sheet
+from asglight.judging.pictures.layout import BACKGROUND, FAINT, TEXT, Grid, save, sheet
 from asglight.judging.pictures.outlines import colour, segments
 from asglight.keys.rectangles import Card
 from asglight.lobes import texels
+from dcc.keyed.picture import pictures
 
 MAP, BALL, GAP, LEFT, TOP = (660, 330), 136, 12, 28, 116
 """Pixels."""
+
+RENDERED = (420, 236)
+"""Of a picture rendered in Blender, in pixels."""
+
+MIDDLE_GREY = 0.3
+"""Display-linear level that the median of what is rendered under the map is brought to."""
 
 SIZE = 204
 """Pixels that balls are computed in."""
@@ -49,14 +66,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="PNG", help="picture")
     texture = "keys carry the pixels of their lamps"
     parser.add_argument("--texture", action="store_true", help=texture)
+    package = "the Blender extension: add pictures rendered there"
+    parser.add_argument("--zip", type=Path, metavar="ZIP", help=package)
+    work = "folder for stages and renders (%(default)s)"
+    parser.add_argument("--work", type=Path, default=Path("dcc-output/keys-sheet"), help=work)
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
-    draw(options.image, options.output, textured=options.texture)
+    rendered: list[Tensor] = []
+    if options.zip is not None:
+        rendered = pictures(
+            options.image, options.work, options.zip, RENDERED, textured=options.texture
+        )
+    draw(options.image, options.output, rendered, textured=options.texture)
     return 0
 
 
-def draw(source: Path, target: Path, *, textured: bool) -> None:
-    """Write the picture of a map."""
+def draw(source: Path, target: Path, rendered: Sequence[Tensor], *, textured: bool) -> None:
+    """Write the picture of a map, with what Blender shows where that was rendered."""
     radiance = read_latlong(source, height=FIT_HEIGHT).radiance
     lobes = fit_frame(radiance, FitOptions(), None).lobes
     cut = keyed.cut(radiance, textured=textured)
@@ -67,7 +93,9 @@ def draw(source: Path, target: Path, *, textured: bool) -> None:
     ball_stops = ball_exposure_stops(balls[:1])
     width = 2 * MAP[0] + GAP + 2 * LEFT
     note = f"sRGB; maps {stops:+.1f} stops, balls {ball_stops:+.1f} stops"
-    figure = sheet(width, TOP + MAP[1] + BALL + 136, f"{source.stem}: keys and rest", note)
+    top = TOP + MAP[1] + BALL + 136
+    height = top + (RENDERED[1] + 34 if rendered else 0)
+    figure = sheet(width, height, f"{source.stem}: keys and rest", note)
     grid = Grid(figure, left=LEFT, top=TOP, cell=MAP, step=(MAP[0] + GAP, MAP[1]))
     for column, (image, title) in enumerate(
         ((radiance, f"the map, and its {len(cut.keys)} keys"), (cut.rest, "the rest"))
@@ -102,7 +130,23 @@ def draw(source: Path, target: Path, *, textured: bool) -> None:
                 FAINT,
                 "center",
             )
+    if rendered:
+        _rendered(figure, rendered, top, round(group + 3 * GAP))
     save(figure, target)
+
+
+def _rendered(figure: Figure, pictures: Sequence[Tensor], top: int, step: int) -> None:
+    """Show what Blender rendered, all at the exposure that suits the first."""
+    grid = Grid(figure, left=LEFT, top=top, cell=RENDERED, step=(step, RENDERED[1]))
+    levels = luminance(pictures[0][..., :3])
+    stops = math.log2(MIDDLE_GREY / float(levels[levels > 0].median()))
+    ground = np.array([int(BACKGROUND[i : i + 2], 16) for i in (1, 3, 5)])
+    for column, picture in enumerate(pictures):
+        alpha = picture[..., 3:].clamp(0, 1)
+        light = picture[..., :3] / alpha.clamp(min=1e-3)  # 1e-3: no coverage, any colour
+        shown = alpha.numpy() * view_transform(light, stops) + (1 - alpha.numpy()) * ground
+        grid.axes(0, column).imshow(shown.astype(np.uint8), interpolation="nearest")
+    grid.write(LEFT, top + RENDERED[1] + 14, f"in Blender, {stops:+.1f} stops", 11, FAINT, "left")
 
 
 def _numbers(errors: dict[str, float]) -> str:

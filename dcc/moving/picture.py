@@ -29,6 +29,9 @@ WIDTH, HEIGHT = 420, 210
 """Of a picture, in pixels."""
 
 SAMPLES = 48
+GLOSSY = 0.25
+"""Roughness of the right ball."""
+
 MIDDLE_GREY = 0.3
 """Display-linear level that the median of the first row is brought to."""
 
@@ -66,6 +69,7 @@ def rendered(shot: shots.Shot, options: argparse.Namespace) -> dict[str, list[to
         "width": WIDTH,
         "height": HEIGHT,
         "samples": SAMPLES,
+        "glossy": GLOSSY,
         "zip": str(options.zip.resolve()),
     }
     jobs, outs = [], {}

@@ -4,8 +4,8 @@
     python -m dcc.moving.picture_render jobs.json
 
 A job has `stage`, `way` (`original` and `plain` without the extension, `hook` or `importer` with
-it), `frames`, `width`, `height`, `samples`, `zip` and `out`: an .npz with `pictures`, float32
-[frame, height, width, 4], linear.
+it), `frames`, `width`, `height`, `samples`, `glossy` (the right ball's roughness), `zip` and `out`:
+an .npz with `pictures`, float32 [frame, height, width, 4], linear.
 """
 
 import json
@@ -38,7 +38,7 @@ def main(path: str) -> None:
         made = render.imported(job | {"way": way, "settings": {}})
         if job["way"] == "plain":
             made.world.color = (0, 0, 0)
-        furnish(made)
+        furnish(made, job["glossy"])
         set_cycles(made, job)
         pictures = []
         for frame in job["frames"]:
@@ -48,7 +48,7 @@ def main(path: str) -> None:
     bpy.ops.preferences.addon_disable(module=render.ADDON)
 
 
-def furnish(made: bpy.types.Scene) -> None:
+def furnish(made: bpy.types.Scene, roughness: float) -> None:
     """Set a floor, a matte head, a matte and a glossy ball, and a camera."""
     bpy.ops.mesh.primitive_plane_add(size=40)
     bpy.context.object.data.materials.append(material("floor", 0.3, 0.9, 0.0))
@@ -58,7 +58,7 @@ def furnish(made: bpy.types.Scene) -> None:
     head.modifiers.new("smooth", "SUBSURF").render_levels = 2
     bpy.ops.object.shade_smooth()
     head.data.materials.append(white)
-    for x, finish in ((-1.5, white), (1.5, material("glossy", 0.9, 0.25, 1.0))):
+    for x, finish in ((-1.5, white), (1.5, material("glossy", 0.9, roughness, 1.0))):
         bpy.ops.mesh.primitive_uv_sphere_add(
             segments=96, ring_count=48, radius=0.55, location=(x, 0, 0.55)
         )

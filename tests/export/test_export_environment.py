@@ -238,4 +238,4 @@ def test_a_lobe_stays_if_it_shines_in_any_frame() -> None:
     made = of_frames(dark, lobes)
     assert "4 lobes of form asg, frames 7-8 at 24 fps" in made.text
     assert made.blocks is not None
-    assert made.blocks.shape == (2, 5, 4, 4)
+    assert made.blocks.shape == (2, 5 * 4, 4)

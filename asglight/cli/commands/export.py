@@ -39,7 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("stage", metavar="STAGE", help="a stage that asglight has written")
     formats = (
-        "json: lobe tracks as data; glsl: functions that shade with the lobes, as an include; "
+        "json: lobe tracks as data, keys and rest too; "
+        "glsl: functions that shade with the lobes, or with keys if the stage shows these, as an "
+        "include; "
         "gltf: directional lights that move, as a .glb file; "
         "html: a page that needs nothing else, with balls, map and timeline; "
         "physg, nerd: the .npy array of spherical Gaussians that the program reads, [N, 7] of one "
@@ -70,15 +72,30 @@ def run(arguments: argparse.Namespace) -> int:
     output: Path = arguments.output
     _check_output(output, arguments.to)
     _check_reference(arguments)
+    from asglight.cli.progress import reporter
+    from asglight.cli.sources.keyed_light import keyed_light
     from asglight.export import write_glsl, write_gltf, write_json, write_sg_array
     from asglight.usd import read_stage
+    from asglight.usd.stage import representations_of
 
     reading = read_stage(arguments.stage, arguments.rig)
     every = reading.tracks
     tracks = _of_frames(every, chosen_frames(every, arguments.frames, arguments.stage))
     files, written = [output], tracks.lobes
+    said = f"{counted(written.count, 'lobe')} of form {written.form}"
+    shows, _ = representations_of(arguments.stage, arguments.rig)
+    is_keyed = shows == Representation.KEYS
+    keyed = None
+    if arguments.to == "json" or (arguments.to == "glsl" and is_keyed):
+        with reporter() as report:
+            keyed = keyed_light(arguments.stage, arguments.rig, tracks.frames, report)
+    key_count = 0 if keyed is None or keyed.keys is None else keyed.keys.lobes.count
     if arguments.to == "json":
-        write_json(output, tracks, tracks.names)
+        write_json(output, tracks, tracks.names, keyed)
+        said += "" if keyed is None else f", {counted(key_count, 'key')} and a rest"
+    elif arguments.to == "glsl" and keyed is not None:
+        files = write_glsl(output, keyed.lit_tracks, keyed.irradiance)
+        said = f"{counted(key_count, 'key')} and a rest"
     elif arguments.to == "glsl":
         files = write_glsl(output, tracks)
     elif arguments.to == GLTF:
@@ -87,10 +104,11 @@ def run(arguments: argparse.Namespace) -> int:
         _write_page(arguments, tracks)
     else:
         written = write_sg_array(output, tracks, SgLayout(arguments.to))
+        said = f"{counted(written.count, 'lobe')} of form {written.form}"
     numbers = tracks.frames
     print(
         f"{', '.join(shown(file) for file in files)}: "
-        f"{counted(written.count, 'lobe')} of form {written.form}, "
+        f"{said}, "
         f"{counted(len(numbers), 'frame')} ({frame_range(numbers)}) at {tracks.fps:g} fps, "
         f"{size(sum(file.stat().st_size for file in files))}"
     )

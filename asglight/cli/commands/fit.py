@@ -95,12 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     options = options_from(arguments)
     keys = key_options(arguments)
     if arguments.scheduler is not None:
-        if keys is not None:
-            raise InputError(
-                "keys: with a scheduler, whose parts have none; expected one of the two. "
-                "Cut them afterwards with asglight keys."
-            )
-        return farm.run(arguments, options)
+        return farm.run(arguments, options, keys)
     source = farm.one_input(arguments)
     with reporter() as report:
         result = fit_shot(

@@ -2,24 +2,21 @@
 """`asglight keys`: lamps as lights, and the images without them, for a stage that is there."""
 
 import argparse
-from dataclasses import replace
 from typing import Any
 
-from asglight.cli.commands.evaluate import check_frames
 from asglight.cli.options.key_options import (
     AUTO,
     add_key_options,
     key_lines,
     key_options,
-    with_keys,
 )
 from asglight.cli.options.parser import add_follow_option, add_input_options, add_json_option
 from asglight.cli.options.reading import read_options as images_read
 from asglight.cli.options.stage_options import OUTPUT
 from asglight.cli.printing import counted, frame_range, print_json, size
 from asglight.cli.progress import reporter
+from asglight.cli.sources.key_cutting import Cutting, cut_keys
 from asglight.errors import InputError
-from asglight.images import open_sequence
 from asglight.usd.options import check_key_options, parse_representations
 
 EXAMPLE = (
@@ -50,38 +47,25 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.frames is not None:
         raise InputError("frames: given with a stage, whose frames are cut; expected none.")
     check_key_options(options)
-    from asglight.shots.keying import Keying
-    from asglight.usd import read_usd, write_usd
-    from asglight.usd.read.read_options import read_options
-
-    tracks, stage = read_usd(arguments.stage), read_options(arguments.stage)
-    given = {} if arguments.representations is None else vars(arguments)
-    chosen = {"representations": given["representations"]} if given else {}
-    stage = replace(stage, **with_keys(chosen, options, stage.representations))
-    sequence = open_sequence(
-        arguments.reference,
-        missing="hold",
-        height=options.rest_height,
-        reading=images_read(arguments),
+    cutting = Cutting(
+        arguments.reference, options, images_read(arguments), arguments.representations
     )
-    check_frames(sequence, tracks.frames, arguments.reference, arguments.stage)
     output = arguments.output or arguments.stage
     with reporter() as report:
-        keying = Keying(sequence, options, report.follow)
-        written = write_usd(tracks, output, **vars(stage), keys=keying)
+        written, stage, frames = cut_keys(arguments.stage, output, cutting, report)
     found = written.keys
     document: dict[str, Any] = {
         "output": output,
         "bytes": written.bytes,
         "representations": list(stage.representations),
-        "frames": list(tracks.frames),
+        "frames": list(frames),
         "keys": found,
     }
     if arguments.json:
         print_json(document)
         return 0
     print(
-        f"{output}: {counted(len(tracks.frames), 'frame')} ({frame_range(tracks.frames)}), "
+        f"{output}: {counted(len(frames), 'frame')} ({frame_range(frames)}), "
         f"{size(written.bytes)}, written as: {', '.join(stage.representations)}"
     )
     print("\n".join(key_lines(found)))

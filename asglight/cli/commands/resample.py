@@ -2,6 +2,7 @@
 """`asglight resample`: the light of a stage at another frame rate, or faster or slower."""
 
 import argparse
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,11 @@ EXAMPLE = (
     "         asglight resample shot.usda -o slow.usda --speed 0.5 --frames 1010-1020"
 )
 
+NO_KEYS = (
+    "has no keys, for there are no images between those of the rest; its lobes are its light. "
+    "To keep the keys, keep the frame rate."
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `resample`."""
@@ -54,6 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     from asglight.lobes.resampling import resampled
     from asglight.shots.conditioning import with_condition
     from asglight.usd import read_stage, write_usd
+    from asglight.usd.options import Representation, without_keys
     from asglight.usd.read.read_options import read_options
 
     if arguments.fps is None and arguments.speed == 1 and arguments.frames is None:
@@ -72,13 +79,16 @@ def run(arguments: argparse.Namespace) -> int:
     new = resampled(old, arguments.fps, arguments.speed, span)
     new = with_condition(replace(new, metadata=_metadata(arguments, old, span)))
     options = read_options(arguments.stage, arguments.rig)
-    options = replace(options, **given_stage_options(arguments))
+    had_keys = Representation.KEYS in options.held
+    options = replace(without_keys(options), **given_stage_options(arguments))
     written = write_usd(new, arguments.output, **vars(options))
     document = as_document(new, written, arguments.output, reading.changes)
     if arguments.json:
         print_json(document)
     else:
         print("\n".join(summary_lines(document)))
+    if had_keys:
+        print(f"asglight: {shown(arguments.output)}: {NO_KEYS}", file=sys.stderr)
     warn_of_unread(arguments.stage, reading)
     return 0
 

@@ -21,6 +21,11 @@ EXAMPLE = (
     "         asglight stitch part.*.usdc -o shot.usdz --primary-path /World/Lights/Env --up-axis Z"
 )
 
+KEYS_LEFT_OUT = (
+    "keys: none; they are cut from the images of the whole shot. "
+    "Cut them with: asglight keys {} --reference IMAGES"
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `stitch`."""
@@ -100,6 +105,7 @@ def as_document(joined: Joined, output: str) -> dict[str, Any]:
         "fps": tracks.fps,
         "frames": list(tracks.frames),
         "parts": tracks.metadata["parts"],
+        "keys_left_out": joined.had_keys,
     }
 
 
@@ -111,4 +117,5 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
         f"{counted(len(frames), 'frame')} ({frame_range(frames)}) at {document['fps']:g} fps, "
         f"{size(document['bytes'])}, from {counted(len(document['parts']), 'part')}"
     )
-    return [head, *part_lines(document["parts"])]
+    left_out = [KEYS_LEFT_OUT.format(shown(document["output"]))] * document["keys_left_out"]
+    return [head, *part_lines(document["parts"]), *left_out]

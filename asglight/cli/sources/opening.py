@@ -6,7 +6,7 @@ Rooms are loaded by whoever needs them: `asglight view --help` needs none.
 
 import contextlib
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -165,22 +165,33 @@ def _stage(stage: Path, request: Request) -> "Session":
     """Open a stage, or watch the fit that will write it."""
     from asglight.images.message import shown
     from asglight.viewer.reference.images import open_reference, whole_sequence
-    from asglight.viewer.state.session import Session
+    from asglight.viewer.reference.rest import Keyed, open_rest
+    from asglight.viewer.state.session import Session, no_lobes
     from asglight.viewer.state.source import FixedSource
     from asglight.viewer.state.viewer_state import ViewerState
 
+    keyed: Keyed | None = None
     with contextlib.ExitStack() as on_failure:
         if not os.path.exists(stage) and os.path.exists(checkpoint_of(stage)):
             source, tracks = _watched(stage)
             muted: frozenset[int] = frozenset()
         else:
             from asglight.usd import read_stage
+            from asglight.usd.read.keys import read_shown_keys
 
             reading = read_stage(stage, request.rig)
-            tracks, muted = reading.unmuted, reading.muted
-            source = FixedSource(tracks, findings_line(reading))
+            tracks, said = reading.unmuted, findings_line(reading)
+            muted = reading.muted
+            keys = read_shown_keys(stage, request.rig)
+            if keys is not None:
+                keyed = Keyed(open_rest(keys.rest), tracks)
+                on_failure.callback(keyed.close)
+                tracks, muted = keys.tracks or no_lobes(keys.times, keys.fps), frozenset()
+                said = findings_line(replace(reading, changes=keys.changes))
+            source = FixedSource(tracks, said)
         on_failure.callback(source.close)
         state = ViewerState(tracks, muted=muted)
+        state.keyed = keyed
         reference = None
         if request.reference is not None:
             whole = whole_sequence(request.reference, tracks.frames)

@@ -21,6 +21,7 @@ Dimension letters: F frames, N lobes.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -237,23 +238,54 @@ def _with_dome(
         return lobes, [f"{path}: {'switched off' if dome else 'is gone'}, so its lobes are black"]
     if dome.GetTypeName() != schema.LIGHT_TYPES[Representation.DOME]:
         return lobes, [f"{dome.GetPath()}: is no DomeLight; its lobes are as they were"]
-    light = view.brightness(dome) * ~view.hidden(dome)[:, None]
-    words = _factor("light", np.ones(len(light)), light.max(-1))
-    words += ["another colour"] if np.ptp(light, axis=-1).max() > EDITED else []
-    if words:
-        scaled = lobes.amplitude * torch.from_numpy(light)[:, None]
+    found = dome_edits(view, dome)
+    words = found.words
+    if found.dimmed:
+        scaled = lobes.amplitude * torch.from_numpy(found.light)[:, None]
         lobes = replace(lobes, amplitude=torch.where(own, scaled, lobes.amplitude))
-    upright = dome.GetAttribute(schema.ROTATE_DOME)
-    authored = Gf.Matrix4d(1)
-    if upright and upright.Get() is not None:
-        authored.SetRotate(Gf.Rotation(Gf.Vec3d.XAxis(), upright.Get()))
-    left, _, right = np.linalg.svd(view.placement.relative(view.world(dome))[:, :3])
-    turns = np.array(authored)[:3, :3].T @ (left @ right)
-    if found := turn_words(turns):
-        words += found
-        axes = torch.where(own[..., None], turned(lobes, turns).axes, lobes.axes)
+    if found.turned:
+        axes = torch.where(own[..., None], turned(lobes, found.turns).axes, lobes.axes)
         lobes = replace(lobes, axes=axes)
     return lobes, [f"{dome.GetPath()}: {', '.join(words)}"] if words else []
+
+
+class DomeEdits(NamedTuple):
+    """What another program changed in a dome.
+
+    Attributes:
+        light: What its images are multiplied by.  [F, 3]
+        turns: How it is turned in the rig, orthogonal, for row vectors.  [F, 3, 3]
+        dimmed: What is said of its light.
+        turned: What is said of its turn.
+    """
+
+    light: Array
+    turns: Array
+    dimmed: list[str]
+    turned: list[str]
+
+    @property
+    def words(self) -> list[str]:
+        """Return all that is said."""
+        return [*self.dimmed, *self.turned]
+
+
+def dome_edits(view: View, dome: Usd.Prim) -> DomeEdits:
+    """Find what another program changed in a dome that is there."""
+    light = view.brightness(dome) * ~view.hidden(dome)[:, None]
+    dimmed = _factor("light", np.ones(len(light)), light.max(-1))
+    dimmed += ["another colour"] if np.ptp(light, axis=-1).max() > EDITED else []
+    left, _, right = np.linalg.svd(view.placement.relative(view.world(dome))[:, :3])
+    turns = upright(dome)[:3, :3].T @ (left @ right)
+    return DomeEdits(light, turns, dimmed, turn_words(turns))
+
+
+def upright(dome: Usd.Prim) -> Array:
+    """Return the turn by which a dome stands upright in its stage, for row vectors.  [4, 4]."""
+    authored, value = Gf.Matrix4d(1), dome.GetAttribute(schema.ROTATE_DOME)
+    if value and value.Get() is not None:
+        authored.SetRotate(Gf.Rotation(Gf.Vec3d.XAxis(), value.Get()))
+    return np.array(authored)
 
 
 def hidden_lobes(prims: Sequence[Usd.Prim], times: tuple[int, ...]) -> tuple[Tensor, list[str]]:

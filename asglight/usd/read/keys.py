@@ -12,9 +12,11 @@ from asglight.lobes import LobeTracks
 from asglight.usd import schema
 from asglight.usd.read.edited_lights import with_key_edits
 from asglight.usd.read.placement import placement_of
-from asglight.usd.read.read_options import card_distance_of, rest_images
+from asglight.usd.read.read_options import card_distance_of
+from asglight.usd.read.rest import Rest, read_rest
 from asglight.usd.read.times import frame_numbers
 from asglight.usd.read.tracks import known_space, lobes_at
+from asglight.usd.read.view import View
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import in_colorspace
 from asglight.usd.stage import (
@@ -23,6 +25,7 @@ from asglight.usd.stage import (
     name_of,
     open_rig,
     readable,
+    representations_of,
     show,
 )
 
@@ -34,12 +37,16 @@ class Keys:
     Attributes:
         tracks: As the lobes of their cards, in Rec.709 and with +Y up; None where the images have
             no lamp.
-        rest: Images of the rest, as USD resolves them: one for each frame.
+        rest: The images without them.
+        times: Frame numbers.  F
+        fps: Frames per second.
         changes: What other programs changed, one line each.
     """
 
     tracks: LobeTracks | None
-    rest: tuple[str, ...]
+    rest: Rest
+    times: tuple[int, ...]
+    fps: float
     changes: tuple[str, ...] = ()
 
 
@@ -62,24 +69,30 @@ def read_keys(path: str | Path | Usd.Stage, rig: str | None = None) -> Keys | No
     stage.SetEditTarget(stage.GetSessionLayer())
     with readable(path), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         show(prim, Representation.KEYS)
-        first, *others = rest_images(prim) or [""]  # the default, then one a frame
-        rest = tuple(others) or ((first,) if first else ())
+        times = frame_numbers(stage, prim, lobe_prims(prim))
+        placement, distance = placement_of(prim, times), card_distance_of(prim)
+        space = known_space(name_of(path), prim)
+        view = View(prim, times, Representation.KEYS, distance, placement, space.colorspace)
+        rest = read_rest(view)
+        fps = stage.GetTimeCodesPerSecond()
         prims = lobe_prims(prim, schema.KEYS)
         if not prims:
-            return Keys(None, rest)
-        times = frame_numbers(stage, prim, lobe_prims(prim))
-        space = known_space(name_of(path), prim)
+            return Keys(None, rest, times, fps, rest.changes)
         lobes = lobes_at(name_of(path), prims, times)
         lobes, changes = with_key_edits(
-            prim,
-            prims,
-            lobes,
-            times,
-            card_distance_of(prim),
-            placement_of(prim, times),
-            space.colorspace,
+            prim, prims, lobes, times, distance, placement, space.colorspace
         )
         lobes = in_colorspace(lobes, space.colorspace, ocio.REC709)
         names = tuple(one.GetName() for one in prims)
-        tracks = LobeTracks(times, stage.GetTimeCodesPerSecond(), lobes, {}, names)
-    return Keys(tracks, rest, tuple(changes))
+        tracks = LobeTracks(times, fps, lobes, {}, names)
+    return Keys(tracks, rest, times, fps, (*changes, *rest.changes))
+
+
+def read_shown_keys(path: str | Path, rig: str | None = None) -> Keys | None:
+    """Read the keys of a stage that shows them; None of one that shows something else.
+
+    Raises:
+        InputError: As `read_keys`.
+    """
+    shows, _ = representations_of(path, rig)
+    return read_keys(path, rig) if shows == Representation.KEYS else None

@@ -142,11 +142,6 @@ def fill_images(rig: Usd.Prim) -> list[str]:
     return _images(rig, Representation.CARDS, schema.FILL)
 
 
-def rest_images(rig: Usd.Prim) -> list[str]:
-    """Return the images of the rest of keys that are there, as `dome_images`."""
-    return _images(rig, Representation.KEYS, schema.REST)
-
-
 def _is_shown(rig: Usd.Prim, representation: Representation) -> bool:
     """Show a representation, and tell whether the rig holds it."""
     if representation not in held_representations(rig):

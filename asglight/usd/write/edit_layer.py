@@ -10,7 +10,6 @@ so it gets images of its own. Range and rate of time, units and the default prim
 USD reads them from a stage's own layer and from none below it.
 """
 
-import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -56,21 +55,11 @@ from asglight.usd.write.authoring import TrackAuthor
 from asglight.usd.write.between import Shot
 from asglight.usd.write.checks import check_target, check_tracks
 from asglight.usd.write.edited_lobes import LobeChanges, author_added, author_states
+from asglight.usd.write.over_stage import reference, with_metadata
 from asglight.usd.write.staging import WriteReport
 
 LAYER_SUFFIXES = tuple(suffix for suffix in STAGE_SUFFIXES if suffix != ".usdz")
 """A package would have to hold the stage that the layer lies over."""
-
-STAGE_KEYS = (
-    "defaultPrim",
-    "upAxis",
-    "metersPerUnit",
-    "timeCodesPerSecond",
-    "framesPerSecond",
-    "startTimeCode",
-    "endTimeCode",
-)
-"""Metadata that USD does not compose from sublayers."""
 
 SAME_NUMBERS = 2.0
 """In tolerances of the attribute: the source may be off by one, and so may a rewrite of it."""
@@ -239,13 +228,13 @@ def write_edit_layer(
         fill = staging.write_fill(changes.lit, kinds, place, space) if refill else []
         images = {schema.DOME: textures, schema.FILL: fill}
         built, author = _build(below, changes, differing, images)
-        built.subLayerPaths = [_reference(below.path, place.parent)]
+        built.subLayerPaths = [reference(below.path, place.parent)]
         staging.export(built, place)
         _author_digests(built, place, differing)
         _check_findings(below, place)
         staging.export(built, place)
         _check_lights(below, place, kept)
-        built.subLayerPaths = [_reference(below.path, path.parent)]
+        built.subLayerPaths = [reference(below.path, path.parent)]
         staging.export(built, place)
         return staging.move_into_place(place, path, [*textures, *fill], author)
 
@@ -311,11 +300,7 @@ def _build(
     differing: list[_Track],
     images: Mapping[str, Sequence[Path]],
 ) -> tuple[Sdf.Layer, TrackAuthor]:
-    built = Sdf.Layer.CreateAnonymous(".usda")
-    root = below.stage.GetRootLayer().pseudoRoot
-    for key in STAGE_KEYS:
-        if root.HasInfo(key):
-            built.pseudoRoot.SetInfo(key, root.GetInfo(key))
+    built = with_metadata(below.stage.GetRootLayer())
     rig_path = below.rig.GetPath()
     rig = Sdf.CreatePrimInLayer(built, rig_path)
     if changes.tracks.metadata != below.tracks.metadata:
@@ -343,16 +328,6 @@ def _author_digests(built: Sdf.Layer, place: Path, differing: list[_Track]) -> N
     for path in {track.path.GetPrimPath() for track in tracks}:
         digest = digest_of_prim(stage.GetPrimAtPath(path))
         author_digest(Sdf.CreatePrimInLayer(built, path), digest)
-
-
-def _reference(source: Path, folder: Path) -> str:
-    """Return how a layer in a folder names the stage below it."""
-    absolute = os.path.abspath(source)
-    try:
-        relative = Path(os.path.relpath(absolute, os.path.abspath(folder))).as_posix()
-    except ValueError:  # another drive of Windows
-        return Path(absolute).as_posix()
-    return relative if relative.startswith("../") else f"./{relative}"
 
 
 def _check_findings(below: _Source, place: Path) -> None:

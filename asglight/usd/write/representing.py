@@ -10,11 +10,12 @@ from pxr import Sdf
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
-from asglight.usd.options import StageOptions
+from asglight.usd.options import Representation, StageOptions
 from asglight.usd.read.read_options import read_options, shown_kinds
 from asglight.usd.read.tracks import read_usd
 from asglight.usd.stage import open_rig
 from asglight.usd.write import layer
+from asglight.usd.write.kept_keys import KeptKeys
 from asglight.usd.write.stage_file import write_usd
 from asglight.usd.write.staging import WriteReport
 
@@ -38,19 +39,23 @@ def add_representations(
     """
     tracks, options = read_usd(path), read_options(path)
     names = dict.fromkeys([*options.representations, *map(str, added)])
+    keys = KeptKeys(path) if Representation.KEYS in options.held else None
     if target is None:
-        _check_own(Path(path), tracks, options)
+        _check_own(Path(path), tracks, options, keys)
     options = replace(options, representations=tuple(names))
-    return write_usd(tracks, path if target is None else target, **vars(options))
+    return write_usd(tracks, path if target is None else target, **vars(options), keys=keys)
 
 
-def _check_own(path: Path, tracks: LobeTracks, options: StageOptions) -> None:
+def _check_own(
+    path: Path, tracks: LobeTracks, options: StageOptions, keys: KeptKeys | None
+) -> None:
     """Refuse to write over a stage whose own layer says more than asglight wrote."""
     stage, rig = open_rig(path)
     stage.SetEditTarget(stage.GetSessionLayer())
     root = stage.GetRootLayer()
     images = layer.Images(["./dome.exr"], ["./fill.exr"], "./card.exr")  # paths tell nothing
-    built, _ = layer.build(tracks, options, images, path.name, shown_kinds(rig))
+    held = None if keys is None else keys.planned(tracks, Path("images"), path.stem)
+    built, _ = layer.build(tracks, options, images, path.name, shown_kinds(rig), held)
     foreign = _paths(root) - _paths(built)
     if foreign or root.subLayerPaths:
         found = min(map(str, foreign)) if foreign else root.subLayerPaths[0]

@@ -126,9 +126,11 @@ def _write_files(
     fill = staging.write_fill(tracks, kinds, place, space)
     card = staging.write_card(kinds, place)
     keys: WrittenKeys | None = None
+    told = {name: value for name, value in tracks.metadata.items() if name != "keys"}
     if source is not None:
         keys = staging.write_keys(source, tracks, place, space)
-        tracks = replace(tracks, metadata={**tracks.metadata, "keys": keys.document})
+        told["keys"] = keys.document
+    tracks = replace(tracks, metadata=told)
     files = [*of_all, *fill, *card, *(keys.files if keys else [])]
     root = staging.root_layer(place)
     names = [staging.relative_names(images) for images in (of_all, fill, card)]

@@ -9,7 +9,6 @@ import numpy as np
 
 from asglight.errors import InputError
 from asglight.viewer.colour import opencolorio
-from asglight.viewer.gl.against import AgainstLayers
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.arrangement import cells, drawn_areas, strip
 from asglight.viewer.gl.compare import ball_errors
@@ -26,6 +25,8 @@ from asglight.viewer.gl.layers import (
     lit_map,
     lobes_key,
 )
+from asglight.viewer.gl.lights.against import AgainstLayers
+from asglight.viewer.gl.lights.keyed import KeyedBalls, KeyedMap
 from asglight.viewer.gl.passes import (
     Area,
     BackgroundPass,
@@ -64,6 +65,8 @@ class Renderer:
         self._closed_form = ClosedForm(context, self._albedo_table)
         self._ground = Ground(context, self._albedo_table)
         self._lobes_map = LobesMap(context)
+        self._keyed_map = KeyedMap(context)
+        self._keyed_balls: KeyedBalls | None = None
         self._reference_map = ReferenceMap(context)
         self._lit_map = ReferenceMap(context)
         self._display = DisplayPass(context)
@@ -130,29 +133,32 @@ class Renderer:
 
     def map(self, state: ViewerState, size: tuple[int, int]) -> moderngl.Framebuffer:
         """Bring the picture of the latlong panel up to date; arguments as of `balls`."""
+        lights_map = self._map_of(state)
         if state.shown_map is not Comparison.REFERENCE:
-            self._lobes_map.draw(state)
+            lights_map.draw(state)
         reference = None if state.references is None else Picture(self._blank)
         if state.subject is Subject.AGAINST:
             reference = self._of_b.map(state)
         elif state.reference_image is not None:
             self._reference_map.upload(state.reference_image)
             reference = Picture(self._reference_map.texture)
-        pair = self._last_map = Picture(self._lobes_map.texture), reference
-        versions = self._lobes_map.version, self._reference_map.version, *self._of_b_versions
+        pair = self._last_map = Picture(lights_map.texture), reference
+        versions = lights_map.version, self._reference_map.version, *self._of_b_versions
         return self._bring("map", state, state.shown_map, pair, versions, size)
 
     def scoped(self, state: ViewerState) -> Scoped | None:
         """Measure a picture as it was drawn last; while something moves the last one stays."""
-        versions = *self._versions(), self._lobes_map.version, self._reference_map.version
+        lights_map = self._map_of(state)
+        versions = *self._versions(), lights_map.version, self._reference_map.version
         return self._scopes.measured(state, self._measured(state), versions)
 
     def _measured(self, state: ViewerState) -> moderngl.Texture | None:
         """Return the radiance that is to be measured, also where it is not shown."""
         scope = state.scope
         if scope.place is ScopePlace.MAP and scope.side is ScopeSide.FIT:
-            self._lobes_map.draw(state)
-            return self._lobes_map.texture
+            lights_map = self._map_of(state)
+            lights_map.draw(state)
+            return lights_map.texture
         index = 0 if scope.side is ScopeSide.FIT else 1
         pair = self._last if scope.place is ScopePlace.BALLS else self._last_map
         picture = None if pair is None else pair[index]
@@ -161,6 +167,10 @@ class Renderer:
     def shown(self, name: Literal["balls", "map"]) -> moderngl.Framebuffer:
         """Return a panel's picture as it was drawn last."""
         return self._shown[name].target
+
+    def _map_of(self, state: ViewerState) -> LobesMap | KeyedMap:
+        """Return the map of the lights."""
+        return self._lobes_map if state.keyed is None else self._keyed_map
 
     @property
     def shown_balls(self) -> moderngl.Framebuffer:
@@ -263,7 +273,6 @@ class Renderer:
             return Picture(self._ground.texture), None
         subject = state.subject
         image = state.reference_image
-        self._truth = None
         if subject is Subject.AGAINST:
             return self._against_pair(state, size)
         of_fit, of_reference = self._background_textures(state, size, image)
@@ -271,14 +280,14 @@ class Renderer:
         if image is not None and subject is Subject.FIT:
             front = self._integral(state, size, image, of_lobes=True)
         else:
-            self._closed_form.draw(state, size)
-            front = self._closed_form.texture
+            front = self._own_front(state, size)
         fit = Picture(front, of_fit)
         if state.shown is Comparison.FIT:
             return fit, None
         if image is None or not self.displayed:
             # The first picture does not wait for the reference's shader.
-            self.reference_progress = 1.0 if image is None else 0.0
+            if image is not None:
+                self.reference_progress = 0.0
             return fit, Picture(self._blank, self._blank)
         of_lobes = subject is Subject.SHADING
         reference = self._integral(state, size, image, of_lobes=of_lobes)
@@ -290,18 +299,23 @@ class Renderer:
         """Bring the balls of A and of B up to date, and those of the HDRI, the truth of both."""
         image = state.reference_image
         of_fit, of_reference = self._background_textures(state, size, image)
-        self._closed_form.draw(state, size)
         self.reference_progress = 1.0
+        own = self._own_front(state, size)
         if state.references is not None:
             front = self._blank
-            if image is None or not self.displayed:  # as in `_pair`
-                self.reference_progress = 1.0 if image is None else 0.0
-            else:
+            if image is not None and self.displayed:
                 front = self._integral(state, size, image, of_lobes=False)
-            self._truth = Picture(
-                front, self._blank if of_fit and not of_reference else of_reference
-            )
-        return Picture(self._closed_form.texture, of_fit), self._of_b.balls(state, size)
+            elif image is not None:  # as in `_pair`
+                self.reference_progress = 0.0
+            self._truth = Picture(front, of_reference)
+        return Picture(own, of_fit), self._of_b.balls(state, size)
+
+    def _own_front(self, state: ViewerState, size: tuple[int, int]) -> moderngl.Texture:
+        """Bring the balls under the lights that are edited up to date."""
+        if state.keyed is not None:
+            return self._of_keys(state, size)
+        self._closed_form.draw(state, size)
+        return self._closed_form.texture
 
     @property
     def _of_b(self) -> AgainstLayers:
@@ -313,6 +327,14 @@ class Renderer:
     @property
     def _of_b_versions(self) -> tuple[int, ...]:
         return () if self._against is None else self._against.versions
+
+    def _of_keys(self, state: ViewerState, size: tuple[int, int]) -> moderngl.Texture:
+        """Add samples to the balls under keys and rest, and return them."""
+        if self._keyed_balls is None:
+            self._keyed_balls = KeyedBalls(self._context, self._albedo_table)
+        self._keyed_balls.draw(state, self._closed_form, size)
+        self.reference_progress = self._keyed_balls.progress
+        return self._keyed_balls.texture
 
     def _integral(
         self, state: ViewerState, size: tuple[int, int], image: np.ndarray, *, of_lobes: bool
@@ -327,6 +349,9 @@ class Renderer:
                 self._lobes_image = key, lit_map(state.lit_lobes)
             image = self._lobes_image[1]
             name = "lobes", key
+            if state.keyed is not None:
+                self._keyed_map.draw(state)
+                image, name = self._keyed_map.image, ("keys", key, Held(self._keyed_map.image))
         layer = self._integrals[of_lobes]
         latlong = self._lit_map if of_lobes else self._reference_map
         layer.draw(state, image, latlong, name, size)
@@ -338,9 +363,10 @@ class Renderer:
     ) -> tuple[moderngl.Texture | None, moderngl.Texture | None]:
         if not state.environment.is_shown:
             return None, None
-        self._lobes_map.draw(state)
+        lights_map = self._map_of(state)
+        lights_map.draw(state)
         first, second = self._backgrounds
-        first.draw(state, self._lobes_map.texture, self._lobes_map.version, size)
+        first.draw(state, lights_map.texture, lights_map.version, size)
         if image is None:
             return first.texture, None
         self._reference_map.upload(image)
@@ -357,8 +383,10 @@ class Renderer:
         return texel[:3] / texel[3] if texel[3] > 0 else None
 
     def _versions(self) -> tuple[int, ...]:
-        layers = (self._closed_form, self._ground, *self._backgrounds, *self._integrals.values())
-        return *(layer.version for layer in layers), *self._of_b_versions
+        keyed = () if self._keyed_balls is None else (self._keyed_balls,)
+        layers = (self._closed_form, *keyed, self._ground, *self._backgrounds)
+        versions = (layer.version for layer in (*layers, *self._integrals.values()))
+        return *versions, *self._of_b_versions
 
     def _bring(
         self,

@@ -78,10 +78,7 @@ class Rendering:
             raise InputError(status.failure)
         if not state.is_fitted and not status.is_finished:
             return False
-        if state.references is not None and state.reference_image is None:
-            message = state.references.message(state.playback.frame)
-            if message is not None:
-                raise InputError(message)
+        if not session.check_images():
             return False
         target = self._renderer.balls(state, self._wanted.size)
         if self._renderer.reference_progress < SAMPLED:

@@ -12,7 +12,7 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.images.output import written_beside
 from asglight.lobes import LobeTracks
-from asglight.usd import write_edit_layer
+from asglight.usd import write_edit_layer, write_key_edits
 from asglight.viewer.state.edits.history import Step
 from asglight.viewer.state.session import Session
 
@@ -27,6 +27,7 @@ class Edited(NamedTuple):
         muted: Indices of the lobes that are muted.
         deleted: Indices of the lobes that are deleted.
         steps: The steps that the tracks hold.
+        are_keys: Whether the lobes are keys of the stage: those that are muted are then black.
     """
 
     stage: Path | None
@@ -35,18 +36,20 @@ class Edited(NamedTuple):
     muted: frozenset[int]
     deleted: frozenset[int]
     steps: tuple[Step, ...]
+    are_keys: bool = False
 
 
 def edited(session: Session) -> Edited:
     """Return what a session has edited."""
-    history = session.state.history
+    history, are_keys = session.state.history, session.state.keyed is not None
     return Edited(
         session.stage,
-        history.saved_tracks,
+        history.lit_tracks if are_keys else history.saved_tracks,
         history.edited_lobes,
         history.muted,
         history.deleted,
         history.done,
+        are_keys,
     )
 
 
@@ -83,7 +86,10 @@ def save_edits(edits: Edited, path: Path) -> None:
         InputError: The layer cannot be written.
     """
     assert edits.stage is not None  # as check_can_save has seen
-    write_edit_layer(path, edits.stage, edits.tracks, edits.lobes, edits.muted, edits.deleted)
+    if edits.are_keys:
+        write_key_edits(path, edits.stage, edits.tracks, edits.lobes)
+    else:
+        write_edit_layer(path, edits.stage, edits.tracks, edits.lobes, edits.muted, edits.deleted)
 
 
 def display_pixels(target: moderngl.Framebuffer) -> np.ndarray:

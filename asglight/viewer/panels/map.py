@@ -5,18 +5,19 @@ from functools import lru_cache
 
 import numpy as np
 import torch
-from imgui_bundle import ImVec2, imgui
+from imgui_bundle import ImVec2, ImVec4, imgui
 
 from asglight.lobes import Lobes
 from asglight.sphere import latlong
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.panels import legend, widgets
 from asglight.viewer.state.commands import command
+from asglight.viewer.state.edits import acting
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.picking import pick
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Outlines, Probe
-from asglight.viewer.uniforms import outlines
+from asglight.viewer.uniforms import key_cards, outlines
 
 CLICK_POINTS = 4.0
 """As far from a small lobe a click still means it."""
@@ -27,6 +28,9 @@ ZOOM_STEP = 1.25
 STILL_EM = 0.7
 """Heights of the font by which a pressed pointer has to move before it turns a lobe: a hand
 trembles by a few points, with a pen by more."""
+
+_KEY, _SHADOW = ImVec4(1.0, 1.0, 1.0, 0.9), ImVec4(0.0, 0.0, 0.0, 0.7)
+"""Of the rectangles of keys: on a lamp nothing faint is seen."""
 
 
 def latlong_map(state: ViewerState, renderer: Renderer) -> None:
@@ -119,7 +123,7 @@ def _pick(state: ViewerState, direction: list[float], tolerance: float) -> None:
     io = imgui.get_io()
     adds = io.key_ctrl or io.key_shift
     if lobe is not None and adds:
-        state.select_also(lobe)
+        acting.select_also(state, lobe)
     elif not adds and (lobe is None or lobe not in state.selected):
         state.select(lobe)
 
@@ -133,13 +137,17 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
         Outlines.SELECTED: tuple(index for index in present if index in selected),
         Outlines.NONE: (),
     }[state.outlines]
-    drawn = _curves(Held(state.lobes)) if state.outlines is Outlines.ALL else []
+    are_keys = state.keyed is not None
+    others = _KEY if are_keys else widgets.FAINT
+    drawn = _curves(Held(state.lobes), are_keys) if state.outlines is Outlines.ALL else []
     for index in wanted:
         is_selected = index in selected
-        shade = widgets.ACCENT if is_selected else widgets.FAINT
+        shade = widgets.ACCENT if is_selected else others
         colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
-        outline = _outline(Held(state.lobes), index) if is_selected else None
+        outline = _outline(Held(state.lobes), index, are_keys) if is_selected else None
         for line in outline.curves if outline else drawn[index]:
+            if are_keys:
+                _polyline(draw, line, origin, points, widgets.colour(_SHADOW), 4.0)
             _polyline(draw, line, origin, points, colour, 2.0 if is_selected else 1.0)
         for line in (*outline.arm_x, *outline.arm_y) if outline else ():
             _polyline(draw, line, origin, points, colour, 1.0)
@@ -149,15 +157,18 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
 
 
 @lru_cache(maxsize=2)
-def _curves(lobes: Held[Lobes]) -> list[outlines.Polylines]:
+def _curves(lobes: Held[Lobes], are_keys: bool) -> list[outlines.Polylines]:
     """Return the outlines of a frame; they take milliseconds, so that they are kept."""
+    if are_keys:
+        return [outline.curves for outline in key_cards.outlines(lobes.value)]
     return outlines.curves(lobes.value)
 
 
 @lru_cache(maxsize=32)
-def _outline(lobes: Held[Lobes], index: int) -> outlines.Outline:
-    """Return the outline of one lobe, with its arms."""
-    return outlines.outlines(lobes.value.select(torch.tensor([index])))[0]
+def _outline(lobes: Held[Lobes], index: int, are_keys: bool) -> outlines.Outline:
+    """Return the outline of one lobe, or the rectangle of one key, with its arms."""
+    one = lobes.value.select(torch.tensor([index]))
+    return (key_cards.outlines if are_keys else outlines.outlines)(one)[0]
 
 
 def _polyline(

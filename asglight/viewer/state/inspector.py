@@ -13,6 +13,7 @@ from asglight.viewer.state import picking
 from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY, Subject
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Inspected
+from asglight.viewer.uniforms import key_cards
 
 SHARE_MIN = 0.01
 """Lobes that send less than a hundredth of the light are not named."""
@@ -28,15 +29,28 @@ def inspect_map(state: ViewerState, u: float, v: float) -> Inspected:
     """
     direction = latlong.direction_from_uv(torch.tensor(u), torch.tensor(v))
     gain = 2.0**state.environment.intensity_ev
-    reference = None
     image = state.reference_image
-    if image is not None:
-        height, width = image.shape[:2]
-        reference = image[min(int(v * height), height - 1), min(int(u * width), width - 1)] * gain
+    reference = None if image is None else _texel(image, u, v) * gain
     if state.against is not None and state.subject is Subject.AGAINST:
         reference = state.against.radiance(state.playback.time, direction).numpy() * gain
-    fit = asg.evaluate(state.lit_lobes, direction[None])[0].numpy() * gain
+    if state.keyed is None:
+        fit = asg.evaluate(state.lit_lobes, direction[None])[0].numpy() * gain
+    else:
+        fit = _keyed(state, u, v) * gain
     return Inspected("map", direction.numpy(), fit, reference, shares(state, direction.numpy()))
+
+
+def _texel(image: np.ndarray, u: float, v: float) -> np.ndarray:
+    height, width = image.shape[:2]
+    return image[min(int(v * height), height - 1), min(int(u * width), width - 1)]
+
+
+def _keyed(state: ViewerState, u: float, v: float) -> np.ndarray:
+    """Return what keys and rest show at a place.  [3]."""
+    rest = state.rest_image
+    radiance = np.zeros(3, np.float32) if rest is None else _texel(rest, u, v)
+    direction = latlong.direction_from_uv(torch.tensor(u), torch.tensor(v))
+    return radiance + key_cards.radiance(state.lit_lobes, direction).numpy()
 
 
 def inspect_ball(

@@ -10,6 +10,7 @@ import torch
 
 from asglight.errors import InputError
 from asglight.lobes import Lobes, LobeTracks
+from asglight.viewer.reference.images import Reference
 from asglight.viewer.state.source import SourceStatus, TrackSource
 from asglight.viewer.state.viewer_state import ViewerState
 
@@ -61,12 +62,12 @@ class Session:
         self.state.fitted = self._found if self.state.is_fitting else None
         if self.meters:
             self.meters = not self.state.meter()
-        if self.state.references is not None:
-            self.state.references.look_at(self.state.playback.frame, direction)
+        for images in self._images():
+            images.look_at(self.state.playback.frame, direction)
         return status
 
     def wait(self) -> None:
-        """Wait until the shown frame is complete: its lobes, and its reference image.
+        """Wait until the shown frame is complete: its lobes, its rest and its reference image.
 
         Raises:
             InputError: The source ended before it came to this frame, or the image cannot be read.
@@ -77,18 +78,43 @@ class Session:
             status = self.update()
         if status.failure is not None and self.state.playback.frame not in self._found:
             raise InputError(status.failure)
-        references, playback = self.state.references, self.state.playback
+        playback = self.state.playback
         frames = {playback.frame, playback.next_frame} if playback.is_between else {playback.frame}
         for frame in sorted(frames):
-            if references is not None and references.wait(frame, REFERENCE_SECONDS) is None:
-                message = references.message(frame)
-                if message is not None:
-                    raise InputError(message)
+            for images in self._images():
+                if images.wait(frame, REFERENCE_SECONDS) is None:
+                    message = images.message(frame)
+                    if message is not None:
+                        raise InputError(message)
+        if self.meters:
+            self.meters = not self.state.meter()
+
+    def check_images(self) -> bool:
+        """Tell whether the images of the shown time are there.
+
+        Raises:
+            InputError: One of them cannot be read.
+        """
+        for images in self._images():
+            message = images.message(self.state.playback.frame)
+            if message is not None:
+                raise InputError(message)
+        state = self.state
+        is_compared = state.references is None or state.reference_image is not None
+        return is_compared and (state.keyed is None or state.rest_image is not None)
+
+    def _images(self) -> list[Reference]:
+        """Return what is read while it is shown."""
+        keyed = self.state.keyed
+        every = (self.state.references, None if keyed is None else keyed.rest)
+        return [images for images in every if images is not None]
 
     def close(self) -> None:
         """End what runs in the background."""
         self.source.close()
         self.state.compare_with(None)
+        if self.state.keyed is not None:
+            self.state.keyed.close()
 
 
 def no_lobes(frames: tuple[int, ...], fps: float) -> LobeTracks:

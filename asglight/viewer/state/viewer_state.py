@@ -3,7 +3,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import torch
@@ -11,6 +11,7 @@ import torch
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, asg, flat
 from asglight.viewer.reference.images import Reference
+from asglight.viewer.reference.rest import Keyed, flux_of
 from asglight.viewer.state.balls import WHITE, Ball, Material, Rgb, ball_row
 from asglight.viewer.state.camera import Camera
 from asglight.viewer.state.compared.against import Against
@@ -82,6 +83,7 @@ class ViewerState:
         history: The tracks with their edits.
         playback: The playhead.
         span: The part of the shot that the timeline shows.
+        keyed: What a stage shows beside its keys, which its tracks are then; None of other stages.
         references: Images of the same frames to compare with, or None.
         against: Another fit to compare with, or None.
         display: How radiance is shown.
@@ -158,6 +160,7 @@ class ViewerState:
         self.fitted: frozenset[int] | None = None
         self.is_fitting = False
         self.requests: list[Request] = []
+        self.keyed: Keyed | None = None
         self.references: Reference | None = None
         self.against: Against | None = None
         self.open(tracks, references, muted)
@@ -256,8 +259,8 @@ class ViewerState:
     @property
     def is_fitted(self) -> bool:
         """Whether the shown frame has its lobes."""
-        has_lobes = self.tracks.lobes.count > 0
-        return has_lobes and (self.fitted is None or self.playback.frame in self.fitted)
+        has_light = self.tracks.lobes.count > 0 or self.keyed is not None
+        return has_light and (self.fitted is None or self.playback.frame in self.fitted)
 
     @property
     def lit(self) -> tuple[int, ...]:
@@ -270,38 +273,9 @@ class ViewerState:
         """Tell whether a lobe takes part."""
         return lobe in self.lit
 
-    def together_with(self, lobe: int) -> tuple[int, ...]:
-        """Return the lobes that an action on one means: all selected, if it is one of them."""
-        selected = self.selected
-        others = tuple(other for other in selected if other != lobe)
-        return (lobe, *others) if lobe in selected else (lobe,)
-
     def toggle_mute(self, *lobes: int) -> None:
         """Mute lobes, or let them light again: an edit as any other."""
         editing.toggle_mute(self.history, lobes)
-
-    def toggle_solo(self, lobes: Iterable[int]) -> None:
-        """Let only these and others like them light, or end that."""
-        solo, lobes = self.selection.solo, set(lobes)
-        if lobes <= solo:
-            solo -= lobes
-        else:
-            solo |= lobes
-
-    def delete(self, lobes: tuple[int, ...]) -> None:
-        """Delete lobes; none of them is selected or alone any more."""
-        editing.delete(self.history, lobes)
-        self.selection.solo -= set(lobes)
-        self.select(None)
-
-    def add_lobe(self, direction: Sequence[float]) -> None:
-        """Add a lobe and select it, unless there is no room or a fit still brings lobes."""
-        if self.is_fitting:
-            self.message = "Lobes can be added when the fit has ended."
-        elif self.tracks.lobes.count >= lobes_max(self.tracks.lobes.form):
-            self.message = f"No room: the viewer holds {self.tracks.lobes.count} lobes."
-        else:
-            self.select(editing.add(self.history, self.playback.index, direction))
 
     @property
     def lit_lobes(self) -> Lobes:
@@ -355,7 +329,8 @@ class ViewerState:
     def _shown(self, compared: Compared) -> Comparison:
         if not self.subjects:
             return Comparison.FIT
-        return compared.shown if self.against or self.tracks.lobes.count else Comparison.REFERENCE
+        has_light = self.tracks.lobes.count or self.keyed is not None
+        return compared.shown if self.against or has_light else Comparison.REFERENCE
 
     @property
     def reference_image(self) -> np.ndarray | None:
@@ -363,13 +338,19 @@ class ViewerState:
 
         Between two frames it is the one dissolved into the other: a picture, not a light that was.
         """
-        references, playback = self.references, self.playback
-        if references is None:
-            return None
-        image = references.get(playback.frame)
-        if not playback.is_between or image is None or references.is_still:
+        return None if self.references is None else self._image(self.references)
+
+    @property
+    def rest_image(self) -> np.ndarray | None:
+        """What lights beside the keys at the shown time, likewise.  [H, W, 3]."""
+        return None if self.keyed is None else self._image(self.keyed.rest)
+
+    def _image(self, images: Reference) -> np.ndarray | None:
+        playback = self.playback
+        image = images.get(playback.frame)
+        if not playback.is_between or image is None or images.is_still:
             return image
-        following = references.get(playback.next_frame)
+        following = images.get(playback.next_frame)
         if following is None or following.shape != image.shape:
             return None
         return dissolved(Held(image), Held(following), playback.part)
@@ -385,13 +366,16 @@ class ViewerState:
         return self.references.label(playback.frame)
 
     def meter(self) -> bool:
-        """Expose so that the mean radiance of the lit lobes is middle grey, in steps of a key.
+        """Expose so that the mean radiance of the light is middle grey, in steps of a key.
 
         Returns:
-            Whether there was light to meter.
+            Whether there was light to meter, that of the rest included.
         """
-        lobes = self.lit_lobes
-        mean = float(asg.flux(lobes).sum(0) @ torch.tensor(LUMINANCE)) / (4 * math.pi)
+        lobes, rest = self.lit_lobes, self.rest_image
+        if self.keyed is not None and rest is None:
+            return False
+        flux = asg.flux(lobes).sum(0) + (0.0 if rest is None else flux_of(rest))
+        mean = float(flux @ torch.tensor(LUMINANCE)) / (4 * math.pi)
         if not mean > 0:
             return False
         stops = math.log2(MIDDLE_GREY / mean) - self.environment.intensity_ev
@@ -403,30 +387,6 @@ class ViewerState:
         """Select a lobe alone, or none."""
         self.selection.is_new = lobe is not None and lobe != self.selection.lobe
         self.selection.lobe, self.selection.others = lobe, ()
-
-    def select_also(self, lobe: int) -> None:
-        """Select a lobe beside the others, first of them; or leave it out if it is selected."""
-        others = tuple(other for other in self.selected if other != lobe)
-        if lobe in self.selected:
-            self.selection.lobe = others[0] if others else None
-            self.selection.others = others[1:]
-        else:
-            self.selection.lobe, self.selection.others = lobe, others
-
-    def select_to(self, lobe: int, order: Sequence[int]) -> None:
-        """Select all lobes of a list from the one selected first to another.
-
-        Args:
-            lobe: The other end.
-            order: Indices of the lobes as they are listed.
-        """
-        selected = self.selected
-        start = order.index(selected[0] if selected else lobe)
-        end = order.index(lobe)
-        between = order[min(start, end) : max(start, end) + 1]
-        first = order[start]
-        self.selection.lobe = first
-        self.selection.others = tuple(other for other in between if other != first)
 
     def brightest(self) -> int | None:
         """Return the lobe with the most energy in the shown frame, if there are any."""

@@ -91,6 +91,17 @@ def curves(lobes: Lobes, level: float = HALF_PEAK) -> list[Polylines]:
     return [_of(drawn, rings.lobe, index) for index in range(lobes.count)]
 
 
+def closed_curve(corners: Array) -> Polylines:
+    """Draw great circles from corner to corner; nothing runs across the seam.
+
+    Args:
+        corners: Directions; closed where the last is the first.  [K, 3]
+    """
+    along = np.arange(len(corners), dtype=np.float64)
+    path = _Path(corners[None], along, bool(np.array_equal(corners[0], corners[-1])))
+    return tuple(_polylines(path)[0])
+
+
 def half_angles(lobes: Lobes, level: float = HALF_PEAK) -> Tensor:
     """Return how far from its centre each lobe reaches along axis_x and axis_y.
 
@@ -175,6 +186,29 @@ class _Arcs:
         return np.cos(angle) * self.toward[curves, None] + along
 
 
+@dataclass(frozen=True)
+class _Path:
+    """A path of great circles through corners; the parameter counts them.
+
+    Attributes:
+        corners: Directions.  [1, K, 3]
+        parameter: 0, 1 and so on at the corners.  [K]
+        is_closed: Whether it comes back.
+    """
+
+    corners: Array
+    parameter: Array
+    is_closed: bool
+
+    def points(self, curves: slice, place: Array) -> Array:
+        """Return points of the path.  [P] -> [C, P, 3]."""
+        corners = self.corners[curves]
+        first = np.clip(np.floor(place).astype(int), 0, corners.shape[1] - 2)
+        part = (place - first)[:, None]
+        points = (1 - part) * corners[:, first] + part * corners[:, first + 1]
+        return points / np.linalg.norm(points, axis=-1, keepdims=True)
+
+
 def _sides(lobes: Lobes) -> tuple[float, ...]:
     return (1.0, -1.0) if lobes.form is Form.BINGHAM else (1.0,)
 
@@ -253,7 +287,7 @@ def _of(polylines: list[list[Array]], owner: NDArray[np.int64], lobe: int) -> Po
     return tuple(line for index in np.flatnonzero(owner == lobe) for line in polylines[index])
 
 
-def _polylines(curves: _Rings | _Arcs) -> list[list[Array]]:
+def _polylines(curves: _Rings | _Arcs | _Path) -> list[list[Array]]:
     """Draw each curve: finely where the map stretches it, cut at the seam and at the poles."""
     uv = _uv(curves.points(slice(None), curves.parameter))
     is_long = _steps(uv).max(-1, initial=0) > STEP_MAX
@@ -266,7 +300,7 @@ def _polylines(curves: _Rings | _Arcs) -> list[list[Array]]:
     return drawn
 
 
-def _refined(curves: _Rings | _Arcs, index: int) -> Array:
+def _refined(curves: _Rings | _Arcs | _Path, index: int) -> Array:
     """Halve the segments that are too long on the map.  [K, 2]."""
     one, parameter = slice(index, index + 1), curves.parameter
     uv = _uv(curves.points(one, parameter))[0]

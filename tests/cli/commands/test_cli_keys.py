@@ -5,11 +5,13 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
 from key_cases import Rectangle, with_lamps
-from pxr import Usd
+from pxr import Usd, UsdLux
 
 from asglight.cli.main import main
 from asglight.images import write_exr
+from asglight.usd import lint_stage
 from asglight.usd.read.keys import read_keys
 from asglight.usd.read.read_options import read_options
 
@@ -140,7 +142,10 @@ def test_without_keys_a_stage_is_the_same_to_the_byte(folder, tmp_path) -> None:
             ["--keys", "auto", "--keys-texture", "--keys-as", "distant"],
             "keys texture: given with distant lights, which have none; expected --keys-as rect.",
         ),
-        (["--keys", "auto", "--scheduler", "local"], "keys: with a scheduler, whose parts have"),
+        (
+            ["--keys", "auto", "--rest-height", "3", "--scheduler", "local"],
+            "rest height: 3; expected 16 rows or more.",
+        ),
     ],
 )
 def test_what_cannot_be_meant_is_one_line(folder, tmp_path, capsys, words, message) -> None:
@@ -162,11 +167,84 @@ def test_a_reference_that_lacks_a_frame_and_no_keys_at_all_are_one_line(folder, 
     assert "frames: given with a stage, whose frames are cut" in capsys.readouterr().err
 
 
-def test_more_lights_for_a_stage_with_keys_are_refused_as_its_images_are_needed(
-    folder, tmp_path, capsys
+def same_keys(first: Path, second: Path) -> None:
+    """Hold keys, their names and their rest against those of another stage."""
+    found, wanted = read_keys(first), read_keys(second)
+    assert found is not None
+    assert wanted is not None
+    assert found.tracks is not None
+    assert wanted.tracks is not None
+    assert found.tracks.names == wanted.tracks.names
+    torch.testing.assert_close(
+        found.tracks.lobes.amplitude, wanted.tracks.lobes.amplitude, rtol=1e-4, atol=1e-6
+    )
+    torch.testing.assert_close(found.tracks.lobes.axes, wanted.tracks.lobes.axes, rtol=0, atol=1e-5)
+    for place in range(len(wanted.times)):
+        assert torch.equal(found.rest.radiance(place), wanted.rest.radiance(place))
+
+
+@pytest.mark.parametrize("texture", [[], ["--keys-texture"]])
+def test_more_representations_leave_keys_and_their_images_as_they_are(
+    folder, tmp_path, capsys, texture
 ) -> None:
-    target = tmp_path / "keyed.usda"
-    words = ["--reference", folder / "sky.#.exr", "-o", target]
+    keyed, more = tmp_path / "keyed.usda", tmp_path / "more.usda"
+    words = ["--reference", folder / "sky.#.exr", "-o", keyed, "--representations", "keys"]
+    assert run("keys", folder / "sky.usda", *words, *texture) == 0
+    assert run("export", keyed, "--to", "cards", "-o", more) == 0
+    assert "more.usda: keys, cards" in capsys.readouterr().out
+    same_keys(more, keyed)
+    before, after = (
+        sorted(path.name.split(".", 1)[1] for path in stage.glob("*.exr"))
+        for stage in (tmp_path / "keyed_dome", tmp_path / "more_dome")
+    )
+    assert set(after) - {name for name in after if name.startswith("fill")} == set(before)
+    assert run("export", more, "--to", "dome") == 0  # over the stage itself
+    same_keys(more, keyed)
+    assert lint_stage(more) == []
+
+
+def test_a_rest_that_was_dimmed_elsewhere_is_not_copied_as_it_was(folder, tmp_path, capsys) -> None:
+    keyed = tmp_path / "keyed.usda"
+    assert run("keys", folder / "sky.usda", "--reference", folder / "sky.#.exr", "-o", keyed) == 0
+    stage = Usd.Stage.Open(str(keyed))
+    UsdLux.LightAPI(stage.GetPrimAtPath("/AsgRig/Rest")).GetExposureAttr().Set(-1.0)
+    stage.Save()
+    capsys.readouterr()
+    assert run("info", keyed) == 0
+    assert "edited: /AsgRig/Rest: light x 0.5" in capsys.readouterr().out
+    assert run("export", keyed, "--to", "dome") == 2
+    assert "the rest was changed (/AsgRig/Rest: light x 0.5)" in capsys.readouterr().err
+
+
+def test_a_farm_leaves_stages_whose_keys_are_cut_here(folder, tmp_path, capsys) -> None:
+    target, alone = tmp_path / "farm.usda", tmp_path / "alone.usda"
+    words = ["fit", folder / "sky.#.exr", "--keys", "auto", "-o"]
+    assert run(*words, alone) == 0
+    assert run(*words, target, "--scheduler", "local:1") == 0
+    assert read_options(target).representations == ("keys", "cards")
+    found, wanted = read_keys(target), read_keys(alone)
+    assert found is not None
+    assert wanted is not None
+    for place in range(3):
+        assert torch.equal(found.rest.radiance(place), wanted.rest.radiance(place))
+
+
+def test_stitched_and_resampled_shots_have_no_keys_and_it_is_said(folder, tmp_path, capsys) -> None:
+    keyed = tmp_path / "keyed.usda"
+    words = ["--reference", folder / "sky.#.exr", "-o", keyed, "--representations", "keys"]
     assert run("keys", folder / "sky.usda", *words) == 0
-    assert run("export", target, "--to", "distant", "-o", tmp_path / "more.usda") == 2
-    assert "keys are cut out of the images, which are not given" in capsys.readouterr().err
+    capsys.readouterr()
+    assert run("stitch", keyed, "-o", tmp_path / "shot.usda") == 0
+    said = capsys.readouterr().out
+    assert (
+        "keys: none; they are cut from the images of the whole shot. Cut them with: asglight"
+        in said
+    )
+    assert read_options(tmp_path / "shot.usda").representations == ("cards",)
+    assert run("info", tmp_path / "shot.usda") == 0
+    assert "keys:" not in capsys.readouterr().out
+    assert run("stitch", keyed, "-o", tmp_path / "other.usda", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["keys_left_out"] is True
+    assert run("resample", keyed, "-o", tmp_path / "slow.usda", "--fps", "48") == 0
+    assert "slow.usda: has no keys, for there are no images between" in capsys.readouterr().err
+    assert read_options(tmp_path / "slow.usda").representations == ("cards",)

@@ -7,51 +7,19 @@ import numpy as np
 import pytest
 import torch
 from bench_scripts import module
-from key_cases import Rectangle, corner_error, with_lamps
+from key_cases import corner_error, with_lamps
+from keyed_stages import FRAMES, ROWS, images, lamp_at, tracks_of, write
 from pxr import Usd, UsdGeom, UsdLux, UsdValidation
-from torch import Tensor
-from usd_tracks import moving
 
 from asglight.errors import InputError
-from asglight.images import open_sequence, read_latlong, write_exr
-from asglight.lobes import LobeTracks, asg
-from asglight.shots.keying import Keying
+from asglight.images import read_latlong, write_exr
+from asglight.lobes import asg
 from asglight.sphere import latlong
 from asglight.usd import lint_stage, read_stage, write_usd
-from asglight.usd.options import KeyLights, KeyOptions
+from asglight.usd.options import KeyLights
 from asglight.usd.read.keys import read_keys
 
 judge = module("keyed.measure")
-
-ROWS = 64
-FRAMES = tuple(range(1001, 1007))
-
-
-def lamp_at(frame: int) -> Rectangle:
-    return Rectangle(168 + 4 * (frame - 1001), 20, 15, 20, 9)
-
-
-def images(
-    folder: Path, frames: tuple[int, ...] = FRAMES, *, half: bool = False
-) -> dict[int, Tensor]:
-    """Write a lamp that passes the seam, over a sky; return what is read of it."""
-    found = {}
-    for frame in frames:
-        path = folder / f"sky.{frame}.exr"
-        write_exr(path, with_lamps(ROWS, lamp_at(frame), rays=4), half=half)
-        found[frame] = read_latlong(path).radiance
-    return found
-
-
-def tracks_of(frames: tuple[int, ...] = FRAMES) -> LobeTracks:
-    return moving(frames)
-
-
-def write(folder: Path, name: str = "shot.usda", frames: tuple[int, ...] = FRAMES, **options):
-    keys = KeyOptions(**{k: options.pop(k) for k in ("count", "lights", "texture") if k in options})
-    sequence = open_sequence(folder / "sky.####.exr")
-    options = {"representations": ("keys",), **options}
-    return write_usd(tracks_of(frames), folder / name, keys=Keying(sequence, keys), **options)
 
 
 def opened(path: Path) -> Usd.Stage:
@@ -155,7 +123,7 @@ def test_a_package_holds_the_rest_and_the_textures(tmp_path: Path) -> None:
     assert lint_stage(tmp_path / "shot.usdz") == []
     keys = read_keys(tmp_path / "shot.usdz")
     assert keys is not None
-    assert len(keys.rest) == 2
+    assert len(keys.rest.images) == 2
 
 
 def test_keys_come_back_and_so_do_lobes_and_what_is_told_of_them(tmp_path: Path) -> None:
@@ -165,7 +133,7 @@ def test_keys_come_back_and_so_do_lobes_and_what_is_told_of_them(tmp_path: Path)
     assert keys is not None
     assert keys.tracks is not None
     assert keys.tracks.frames == FRAMES
-    assert len(keys.rest) == len(FRAMES)
+    assert len(keys.rest.images) == len(FRAMES)
     assert not keys.changes
     reading = read_stage(tmp_path / "shot.usda")
     assert reading.tracks.lobes.count == 3

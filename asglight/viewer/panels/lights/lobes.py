@@ -8,8 +8,10 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 from asglight.lobes import LobeTracks
 from asglight.viewer.panels import widgets
 from asglight.viewer.panels.lights.controls import edit_controls
+from asglight.viewer.panels.lights.keys import ROWS_BESIDE, beside_keys, rest_energy
 from asglight.viewer.state import picking
 from asglight.viewer.state.commands import command
+from asglight.viewer.state.edits import acting
 from asglight.viewer.state.edits.editing import rename
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
@@ -28,11 +30,11 @@ _TABLE = (
 
 def lobes(state: ViewerState) -> None:
     """Draw the list, and under it the controls of the selected lobe."""
-    if state.tracks.lobes.count == 0:
+    if state.tracks.lobes.count == 0 and state.keyed is None:
         imgui.text_wrapped(_no_lobes(state))
         return
     room = imgui.get_content_region_avail()
-    rows = widgets.em(1.7) * (state.tracks.lobes.count + 1)
+    rows = _rows_height(state) + (0 if state.keyed is None else widgets.em(1.7) * ROWS_BESIDE)
     height = max(min(rows, room.y - widgets.em(_CONTROLS_EM)), widgets.em(_LIST_EM))
     imgui.begin_child("list", ImVec2(0, height))
     _list(state)
@@ -40,13 +42,20 @@ def lobes(state: ViewerState) -> None:
     edit_controls(state)
 
 
+def _rows_height(state: ViewerState) -> float:
+    return widgets.em(1.7) * (state.tracks.lobes.count + 1)
+
+
 def _list(state: ViewerState) -> None:
     energies = picking.energies(state.lobes)
     order = _listed(state)
-    total = max(float(energies[order].sum()), 1e-30)  # 1e-30: a black frame has shares of 0
-    if not imgui.begin_table("lobes", 4, _TABLE):
+    light = float(energies[order].sum()) + rest_energy(state)
+    total = max(light, 1e-30)  # 1e-30: a black frame has shares of 0
+    kind = "lobe" if state.keyed is None else "key"
+    room = ImVec2(0, 0 if state.keyed is None else _rows_height(state))
+    if not imgui.begin_table("lobes", 4, _TABLE, room):
         return
-    for name, width in (("lobe", 2.6), ("energy", 2.4)):
+    for name, width in ((kind, 2.6), ("energy", 2.4)):
         imgui.table_setup_column(name, imgui.TableColumnFlags_.width_stretch, width)
     for name in ("##solo", "##mute"):
         imgui.table_setup_column(name, imgui.TableColumnFlags_.width_fixed, widgets.em(1.5))
@@ -55,6 +64,8 @@ def _list(state: ViewerState) -> None:
     for lobe in order:
         _row(state, lobe, float(energies[lobe]) / total, order)
     imgui.end_table()
+    if state.keyed is not None:
+        beside_keys(state, total)
 
 
 def _listed(state: ViewerState) -> list[int]:
@@ -103,9 +114,9 @@ def _row(state: ViewerState, lobe: int, share: float, order: list[int]) -> None:
         imgui.table_next_column()
         if _switch(label, lobe in chosen):
             if label == "M":
-                state.toggle_mute(*state.together_with(lobe))
+                state.toggle_mute(*acting.together_with(state, lobe))
             else:
-                state.toggle_solo(state.together_with(lobe))
+                acting.toggle_solo(state, acting.together_with(state, lobe))
         entry = command(name)
         widgets.tooltip(entry.name.replace("the selected", "this"), f"{entry.keys}, when selected")
     imgui.pop_style_var()
@@ -126,7 +137,7 @@ def _name(state: ViewerState, lobe: int, order: list[int]) -> None:
     if clicked:
         _select(state, lobe, order)
     if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-        state.renaming = Renaming(lobe, shown)
+        acting.rename(state, lobe)
     if selection.lobe == lobe and selection.is_new:
         selection.is_new = False
         imgui.set_scroll_here_y(0.5)
@@ -140,9 +151,9 @@ def _name(state: ViewerState, lobe: int, order: list[int]) -> None:
 def _select(state: ViewerState, lobe: int, order: list[int]) -> None:
     io = imgui.get_io()
     if io.key_ctrl:
-        state.select_also(lobe)
+        acting.select_also(state, lobe)
     elif io.key_shift:
-        state.select_to(lobe, order)
+        acting.select_to(state, lobe, order)
     else:
         state.select(lobe)
 

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Keys cut for a stage that is there: by `asglight keys`, and for what a farm has fitted."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from asglight.cli.commands.evaluate import check_frames
+from asglight.cli.options.key_options import with_keys
+from asglight.images import open_sequence
+from asglight.images.options import ReadOptions
+from asglight.usd.options import KeyOptions, StageOptions
+
+if TYPE_CHECKING:
+    from asglight.cli.progress import Reporter
+    from asglight.usd import WriteReport
+
+
+@dataclass(frozen=True)
+class Cutting:
+    """What keys are cut from, and how.
+
+    Attributes:
+        reference: The images that the stage was fitted to.
+        keys: How many keys, and as what.
+        reading: How the images are read.
+        representations: What the stage holds then; None for keys, and what it has.
+    """
+
+    reference: str
+    keys: KeyOptions
+    reading: ReadOptions
+    representations: tuple[str, ...] | None = None
+
+
+def cut_keys(
+    stage: str, output: str, cutting: Cutting, report: "Reporter"
+) -> "tuple[WriteReport, StageOptions, tuple[int, ...]]":
+    """Find the keys of a stage's images, and write the stage with them.
+
+    Returns:
+        What was written, how, and the frames.
+
+    Raises:
+        InputError: The images are not those of the stage, or something cannot be read or written.
+    """
+    from asglight.shots.keying import Keying
+    from asglight.usd import read_usd, write_usd
+    from asglight.usd.read.read_options import read_options
+
+    tracks, options = read_usd(stage), read_options(stage)
+    asked = cutting.representations
+    chosen = {} if asked is None else {"representations": asked}
+    options = replace(options, **with_keys(chosen, cutting.keys, options.representations))
+    sequence = open_sequence(
+        cutting.reference,
+        missing="hold",
+        height=cutting.keys.rest_height,
+        reading=cutting.reading,
+    )
+    check_frames(sequence, tracks.frames, cutting.reference, stage)
+    keying = Keying(sequence, cutting.keys, report.follow)
+    return write_usd(tracks, output, **vars(options), keys=keying), options, tracks.frames
