@@ -3,8 +3,10 @@
 
 The window is the real one on GLFW's null platform, 1600 x 1000, with every panel; each case is a
 process of its own. The null platform has no events to wait for, so that idle is the CPU time of a
-picture, as often as an idle window draws one. On a machine that does other things, CPU time is what counts, of all threads
-together: two cores give 83 ms of it to each of 24 frames a second.
+picture, as often as an idle window draws one.
+
+On a machine that does other things, CPU time is what counts, of all threads together: two cores
+give 83 ms of it to each of 24 frames a second.
 
     python -m benchmarks.shaded.window day.usda --reference ../shared/sequences/day
 """
