@@ -6,9 +6,10 @@ BIN := $(VENV)/bin
 MAPS ?= ../shared/hdri
 SEQUENCES ?= ../shared/sequences
 SEQUENCES2X ?= ../shared/sequences2x
-EXTENSION = dist/asglight-blender-0.1.0.zip
+VERSION := $(shell sed -n 's/^__version__ = "\(.*\)"/\1/p' asglight/__init__.py)
+EXTENSION = dist/asglight-blender-$(VERSION).zip
 
-.PHONY: help setup setup-dcc results docs blender-extension test-blender blender-pictures demo bench bench-fit bench-motion bench-command gpu stress soak test test-fast test-usd test-dcc test-dcc-short \
+.PHONY: help setup setup-dcc release results docs blender-extension test-blender blender-pictures demo bench bench-fit bench-motion bench-command gpu stress stress-short soak test test-fast test-usd test-dcc test-dcc-short \
   test-ball-truth dcc-picture lint format clean
 
 help:            ## list the targets
@@ -32,6 +33,9 @@ bench: setup     ## error against run time, in two minutes each, held against th
 
 stress: setup    ## stiff, extreme and broken input, measured (stress-output/)
 	$(BIN)/asglight stress -o stress-output
+
+stress-short: setup  ## what changes over time, and a tenth of the other cases (stress-output/)
+	$(BIN)/asglight stress --sample 0.1 -o stress-output
 
 bench-fit: setup ## measure the fits on MAPS and SEQUENCES: tables, JSON, pictures (bench-fit/)
 	$(BIN)/python -m benchmarks.fits --maps "$(MAPS)" --sequences "$(SEQUENCES)" -o bench-fit/
@@ -67,6 +71,9 @@ setup-dcc: .venv-dcc/.ready  ## Blender and Mitsuba, in an environment of their 
 
 .venv-dcc/.ready: dcc/requirements.txt .ci/renderers
 	@PYTHON=$(PYTHON) sh .ci/renderers
+
+release: setup   ## wheel, source, extension (dist/); then the demo from that wheel in a clean environment
+	PYTHON=$(BIN)/python sh .ci/release dist
 
 blender-extension: setup  ## the zip that Blender installs (dist/)
 	$(BIN)/python -m integrations.package -o dist
@@ -104,4 +111,4 @@ format: setup    ## let ruff rewrite the sources
 	$(BIN)/ruff format .
 
 clean:           ## remove what the targets made
-	rm -rf $(VENV) .venv-dcc .venv-gpu gpu-output command-output demo-output dcc-output bench-output bench-fit bench-motion results-output site stress-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis soak-output
+	rm -rf $(VENV) .venv-dcc .venv-gpu .venv-release gpu-output command-output demo-output dcc-output bench-output bench-fit bench-motion results-output site stress-output test-artifacts .usd-versions dist .pytest_cache .ruff_cache .hypothesis soak-output

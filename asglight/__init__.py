@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from asglight.shots import fit_sequence
     from asglight.usd import read_usd, write_usd
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Follower",

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from asglight.images import read_latlong
+from asglight.lobes import asg
 from asglight.usd import Representation
 from asglight.usd.lights import distant
 from asglight.usd.options import OF_LOBES
@@ -203,7 +204,7 @@ def _ball_rows(task: Task, shot: Shot, frame: int, image: Path) -> Iterator[Row]
 def _facing_row(task: Task, shot: Shot, frame: int, axis: str) -> FacingRow:
     """Judge the distant lights one by one; dark ones have no irradiance to compare."""
     lobes = shot.lobes(frame)
-    expected = distant.facing_irradiance(lobes).numpy()
+    expected = asg.facing_irradiance(lobes).numpy()
     radius = torch.deg2rad(distant.angle_deg(lobes)).numpy()  # Blender's: the angle is doubled
     found = np.load(task.out(shot.name, frame, axis, "facing"))
     lit = expected.sum(-1) > 1e-6 * expected.sum()

@@ -3,10 +3,12 @@
 
     python -m integrations.package -o dist
 
-The same files give the same bytes, whenever and wherever.
+The same files give the same bytes, whenever and wherever. The extension has the version of
+asglight, which is put into its manifest here.
 """
 
 import argparse
+import re
 import sys
 import tempfile
 import tomllib
@@ -15,6 +17,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent / "blender"
+MANIFEST = "blender_manifest.toml"
+VERSION = Path(__file__).resolve().parents[1] / "asglight" / "__init__.py"
+"""Where the version stands; read as text, for the zip is made without asglight installed."""
 
 SUFFIXES = frozenset({".py", ".toml", ""})
 """Of what goes in; the one file without is the licence."""
@@ -40,7 +45,8 @@ def packed(output: Path) -> Path:
     Returns:
         The zip.
     """
-    manifest = tomllib.loads((FOLDER / "blender_manifest.toml").read_text())
+    text = manifest_text()
+    manifest = tomllib.loads(text)
     output.mkdir(parents=True, exist_ok=True)
     target = output / f"{manifest['id']}-blender-{manifest['version']}.zip"
     with tempfile.TemporaryDirectory(dir=output) as folder:
@@ -51,9 +57,18 @@ def packed(output: Path) -> Path:
                     entry = zipfile.ZipInfo(path.relative_to(FOLDER).as_posix(), EPOCH)
                     entry.compress_type = zipfile.ZIP_DEFLATED
                     entry.external_attr = 0o644 << 16
-                    package.writestr(entry, path.read_bytes())
+                    is_manifest = path.name == MANIFEST
+                    package.writestr(entry, text if is_manifest else path.read_bytes())
         beside.replace(target)
     return target
+
+
+def manifest_text() -> str:
+    """Return the manifest with the version of asglight after the extension's name."""
+    found = re.search(r'^__version__ = (".+")$', VERSION.read_text(), re.MULTILINE)
+    assert found is not None
+    text = (FOLDER / MANIFEST).read_text()
+    return re.sub(r"^(id = .+)$", rf"\1\nversion = {found[1]}", text, count=1, flags=re.MULTILINE)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,10 @@
 // Linear radiance of one picture, or of two that are compared -> sRGB. The only pass that knows
 // exposure, view transform and sRGB.
 //
-// Special programs: COMPARES where two pictures are sampled, TRANSFORM the one VIEW_TRANSFORM_ number
-// that it has (drivers without a GPU run both sides of an `if`).
+// Special programs: COMPARES where two pictures are sampled, BACKGROUND where something is behind
+// them, EXACT where a texel is a pixel, TRANSFORM the one VIEW_TRANSFORM_ number that it has
+// (drivers without a GPU run both sides of an `if`, texture fetches included). Of OpenColorIO's views
+// the function ocio_display stands before this text.
 #version 410 core
 
 #include "lib/display.glsl"
@@ -22,7 +24,6 @@ uniform sampler2D u_reference_background;
 uniform int u_comparison;  // a COMPARISON_ number
 uniform float u_wipe;  // share of the columns that show the fit
 #endif
-uniform bool u_has_background;
 
 uniform vec4 u_area;  // x, y, columns and rows of the target that the picture fills
 uniform float u_exposure_ev;
@@ -33,12 +34,20 @@ uniform vec3 u_surround;  // sRGB where there is neither ball nor background
 
 layout(location = 0) out vec4 o_color;
 
+vec4 sampled(sampler2D image, vec2 uv) {
+#ifdef EXACT
+    return texelFetch(image, ivec2(gl_FragCoord.xy - u_area.xy), 0);
+#else
+    return texture(image, uv);
+#endif
+}
+
 // Return radiance (not multiplied) and coverage.
 vec4 picture(sampler2D front, sampler2D background, vec2 uv) {
-    vec4 texel = texture(front, uv);
-    if (u_has_background) {
-        texel += vec4(texture(background, uv).rgb, 1.0) * (1.0 - texel.a);
-    }
+    vec4 texel = sampled(front, uv);
+#ifdef BACKGROUND
+    texel += vec4(sampled(background, uv).rgb, 1.0) * (1.0 - texel.a);
+#endif
     return vec4(texel.rgb / max(texel.a, 1e-6), texel.a);  // 1e-6: no coverage, any colour
 }
 
@@ -53,11 +62,18 @@ vec3 shown(vec3 radiance) {
     return scale_colour(display_stops_place(display_luminance(radiance)));
 #else
     vec3 channel = display_channel(radiance, u_channel);
+#if TRANSFORM == VIEW_TRANSFORM_OPENCOLORIO
+    channel = ocio_display(vec4(channel, 1.0)).rgb;
+    bool clips = max(max(channel.r, channel.g), channel.b) >= 1.0;
+#else
     bool clips = max(max(channel.r, channel.g), channel.b) > 1.0;
+#endif
     if (u_zebra && clips) {
         return vec3(mod(gl_FragCoord.x + gl_FragCoord.y, 8.0) < 4.0 ? 1.0 : 0.0);
     }
-#if TRANSFORM == VIEW_TRANSFORM_FILMIC
+#if TRANSFORM == VIEW_TRANSFORM_OPENCOLORIO
+    return clamp(channel, 0.0, 1.0);
+#elif TRANSFORM == VIEW_TRANSFORM_FILMIC
     return display_srgb(display_filmic(channel));
 #else
     return display_srgb(clamp(channel, 0.0, 1.0));

@@ -61,7 +61,7 @@ def radiance(light: Light, directions: Any, time: Time = None) -> Tensor:
 def irradiance(light: Light, normals: Any, time: Time = None) -> Tensor:
     """Return the irradiance of surfaces that see all the light above their horizon.
 
-    A matt surface shows albedo / pi times that. Closed form: within a percent of the irradiance of
+    A matte surface shows albedo / pi times that. Closed form: within a percent of the irradiance of
     a lobe that is cut by the horizon, exact for lobes above it (docs/method/shading.md).
 
     Examples:
@@ -122,7 +122,7 @@ def balls(
     Args:
         light: Tracks or lobes.
         time: When.
-        roughness: Perceptual, 0.05 to 1, of balls of metal; None for a matt ball.
+        roughness: Perceptual, 0.05 to 1, of balls of metal; None for a matte ball.
         size: Pixels across; a ball fills its picture.
 
     Returns:
@@ -135,7 +135,7 @@ def balls(
     bad = [one for one in roughness if one is not None and not ROUGHNESS_MIN <= one <= 1]
     if bad:
         raise InputError(
-            f"roughness: {bad[0]:g}; expected {ROUGHNESS_MIN:g} to 1, or None for a matt ball."
+            f"roughness: {bad[0]:g}; expected {ROUGHNESS_MIN:g} to 1, or None for a matte ball."
         )
     if size < 1:
         raise InputError(f"size: {size}; expected 1 pixel or more.")

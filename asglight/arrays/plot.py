@@ -19,7 +19,7 @@ MAP, BALL = (720, 360), 170
 """Pixels of the map and of a ball."""
 
 SHOWN: tuple[float | None, ...] = (0.1, 0.25, 0.5, None)
-"""Roughness of the balls; the last one is matt, and sets the exposure."""
+"""Roughness of the balls; the last one is matte, and sets the exposure."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Picture:
 
 
 def plot(light: Light, time: Time = None, *, exposure: float | None = None) -> Picture:
-    """Draw lobes: their map with an outline around each, and balls from glossy to matt.
+    """Draw lobes: their map with an outline around each, and balls from glossy to matte.
 
     Examples:
         >>> asglight.plot(tracks, 1001.5).save("tracks.png")
@@ -56,7 +56,7 @@ def plot(light: Light, time: Time = None, *, exposure: float | None = None) -> P
     Args:
         light: Tracks or lobes.
         time: When; one time.
-        exposure: Stops; None brings the matt ball to a light grey.
+        exposure: Stops; None brings the matte ball to a light grey.
 
     Raises:
         InputError: The time is missing, none, or several.
@@ -80,7 +80,7 @@ def plot(light: Light, time: Time = None, *, exposure: float | None = None) -> P
     cells = layout.Grid(figure, left=margin, top=below, cell=(BALL, BALL), step=(step, BALL))
     for place, (roughness, ball) in enumerate(zip(SHOWN, row, strict=True)):
         cells.axes(0, place).imshow(view_transform(ball, stops))
-        name = "matt" if roughness is None else f"roughness {roughness:g}"
+        name = "matte" if roughness is None else f"roughness {roughness:g}"
         cells.caption(0, place, name, centred=True)
     return Picture(figure)
 

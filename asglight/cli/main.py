@@ -31,7 +31,7 @@ COMMANDS = {
     "keys": "cut lamps out of images as lights of a stage, and keep the rest",
     "eval": "measure the error of a stage against the images it was fitted to",
     "info": "show what a stage holds, or what is read of images",
-    "export": "write a page, or lobes for engines, PhySG and NeRD",
+    "export": "write a page, or lobes for engines, glTF, PhySG and NeRD",
     "import": "make a stage of lights of PhySG or NeRD",
     "view": "show lobes and images in a window, or write a picture of them",
     "compare": "set every method side by side on the same map and budget",

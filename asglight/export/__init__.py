@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lobes for other programs: tracks as JSON, surfaces under them as a GLSL include, SG arrays."""
+"""Lobes for other programs: tracks as JSON, glTF, SG arrays, surfaces under them as GLSL."""
 
 from asglight.export.environment import write_glsl
+from asglight.export.gltf import write_gltf
 from asglight.export.sg_array import SgLayout, read_sg_array, write_sg_array
 from asglight.export.track_file import read_json, write_json
 
@@ -10,6 +11,7 @@ __all__ = [
     "read_json",
     "read_sg_array",
     "write_glsl",
+    "write_gltf",
     "write_json",
     "write_sg_array",
 ]

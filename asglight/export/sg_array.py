@@ -51,6 +51,9 @@ WIDTH = 7
 NERD_SHARPNESS = (0.5, 30.0)
 """What NeRD's renderer holds the sharpness between, as `_extract_sg_components` does."""
 
+NERD_LOBES = 24
+"""Lobes of the arrays that NeRD's training blends; one of another number does not fit into it."""
+
 UNIT_ERROR = 1e-6
 """Of an axis' length, below which it stays as it is: ten float32 roundings. So lobes come back to
 the bit."""

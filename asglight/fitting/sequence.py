@@ -20,7 +20,7 @@ from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import canonical
 from asglight.threads import one_thread
 
-_EFFORT = {
+_FIRST_FRAME = {
     Preset.LIVE: first_frame.FAST,
     Preset.FAST: first_frame.FAST,
     Preset.BEST: first_frame.BEST,
@@ -66,8 +66,8 @@ def fit_frame(
             form = options.form
             if form is None and options.preset is Preset.LIVE:
                 form = Form.ASG
-            effort = _EFFORT[options.preset]
-            fit = fit_first_frame(reference, options.count, form, effort, threads=threads)
+            settings = _FIRST_FRAME[options.preset]
+            fit = fit_first_frame(reference, options.count, form, settings, threads=threads)
             fit = replace(fit, lobes=canonical(fit.lobes))
             if options.has_spare_tracks:
                 fit = replace(fit, lobes=slots.with_spare_tracks(fit.lobes))

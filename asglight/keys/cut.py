@@ -73,23 +73,30 @@ def frame_cut(
     """
     values = radiance.double().numpy()
     grid = Grid.of(*values.shape[:2])
-    mattes = [cutting.matte(one.mask, grid) for one in wanted]
-    holes = np.zeros(values.shape[:2], dtype=bool)
-    for one in mattes:
-        holes |= one > 0
-    beside = [cutting.matte(mask, grid) for mask in others]
-    every = sum([*mattes, *beside], np.zeros(holes.shape))
-    closed = every > 0
+    masks = [*(one.mask for one in wanted), *others]
+    luminance = values.mean(-1)
+    mattes = [cutting.matte(mask, luminance, grid) for mask in masks]
+    shares = cutting.shares(masks, mattes, luminance, grid)
+    closed = np.zeros(values.shape[:2], dtype=bool)
+    holes = closed.copy()
+    for index, matte in enumerate(mattes):
+        closed |= matte > 0
+        if index < len(wanted):
+            holes |= shares[index] > 0
     background = cutting.filled(values, closed, grid)
     background = np.where(holes[..., None], background, values)
     above = np.maximum((values - background).mean(-1), 0)
+    shares = [
+        np.where(cutting.lights_beside(mask, matte, above, background.mean(-1)), 0, share)
+        for mask, matte, share in zip(masks, mattes, shares, strict=True)
+    ]
     below = np.maximum(background - values, 0).mean(-1)
     total = float((values.mean(-1) * grid.solid_angle).sum())
     seen: list[Seen | None] = []
-    for one, own in zip(wanted, mattes, strict=True):
+    for one, own in zip(wanted, shares, strict=False):
         near = grid.near(own > 0, MARGIN_TEXELS * grid.texel)
         place = np.flatnonzero(near)
-        share = one.weight * (own / np.maximum(every, 1)).ravel()[place]
+        share = one.weight * own.ravel()[place]
         patch = Patch.of(place, grid)
         lamp = Seen(patch, above.ravel()[place], share, one.start, one.floor, below.ravel()[place])
         seen.append(lamp if lamp.flux > 0 else None)

@@ -23,6 +23,10 @@ overhead turns by 4 degrees more in a frame than in the one before."""
 FLUX_WEIGHT = np.radians(3)
 """What a factor of e in flux adds to the angle of a link: of two lamps as near, the alike one."""
 
+ALONE = 1.5 * LINK
+"""Cost of a lamp that is linked to none: two links that together cost more than the better one and
+this are not both made, or a lamp that goes would take over its neighbour's."""
+
 GAP = 8
 """Frames without it after which a lamp is gone: a third of a second."""
 
@@ -38,8 +42,9 @@ MUCH = 0.1
 LEAST = 0.01
 """Of a frame's light: a lamp with less, in all frames, is no key."""
 
-FIGURE_MIN = 0.72
-"""Share of a lamp's outline that a card fills: a disc has 0.9, sky through trees 0.5 to 0.7."""
+FIGURE_MIN = 0.77
+"""Share of a lamp's outline that a card fills: a disc has 0.9, a triangle 0.83, a ragged dish 0.79,
+sky through trees 0.5 to 0.73."""
 
 STAY = 3
 """Frames in which a lamp must be one of a frame's keys, or else in the whole of a shorter life."""
@@ -148,10 +153,10 @@ def _pairs(
     radius = np.maximum.outer(
         [track.seen[track.last].radius for track in going], [one.radius for one in found]
     )
-    cost = angle + FLUX_WEIGHT * np.abs(np.log(now / flux[:, None]))
-    allowed = angle <= LINK + radius
-    far = 1e3  # more than all links together: as many as possible are made, then the best
-    rows, columns = optimize.linear_sum_assignment(np.where(allowed, cost, far))
+    reach = LINK + radius
+    cost = angle / reach * LINK + FLUX_WEIGHT * np.abs(np.log(now / flux[:, None]))
+    allowed = angle <= reach
+    rows, columns = optimize.linear_sum_assignment(np.where(allowed, cost, ALONE))
     return [
         (going[row], int(column))
         for row, column in zip(rows, columns, strict=True)

@@ -20,6 +20,20 @@ from asglight.sphere import latlong
 RIM_TEXELS = 2.5
 """Width of the bands on both sides of a matte's rim whose gradients are compared."""
 
+RIM_DARK = 0.05
+"""Of the median around a matte, that is added to radiance before its logarithm: an eye that is used
+to the surroundings tells nothing in what is far darker."""
+
+RIM_STAYS = 0.1
+"""Logarithm of the rest over the map without all of the lamps' light, above which it is lamp."""
+
+RIM_BESIDE = 1.5
+"""Texels: those that touch one, also by a corner."""
+
+RIM_UNSEEN = 0.01
+"""Logarithm of radiance from texel to texel that no eye sees, Weber's fraction: no gradient around
+a matte counts as less."""
+
 
 @dataclass(frozen=True)
 class KeyFrame:
@@ -32,7 +46,7 @@ class KeyFrame:
         size_deg: Of its card, the longer side first.
         carried: Share of its lamp's light that it has.
         apart: Share of its light that the card shows elsewhere than the map does, both ways.
-        rim: Mean gradient of the rest within the rim of its matte, over that of the map outside.
+        rim: As of `rim_gradients`.
     """
 
     key: int
@@ -82,6 +96,9 @@ def of_frame(
 def rim_gradients(radiance: Tensor, rest: Tensor, cut: FrameCut) -> list[float]:
     """Compare the rest within the rim of each matte with the map just outside of it.
 
+    Gradients are those of the logarithm of radiance: an eye sees ratios. What a key leaves of its
+    lamp, because its card cannot show it, is no seam and does not count; nor do lights beside it.
+
     Args:
         radiance: The map.  [h, w, 3]
         rest: Without the keys.  [h, w, 3]
@@ -91,19 +108,39 @@ def rim_gradients(radiance: Tensor, rest: Tensor, cut: FrameCut) -> list[float]:
         For each key the mean gradient within over the one outside: an edge would be above 1.
     """
     grid = Grid.of(*cut.holes.shape)
-    within = _gradient(rest.double().mean(-1).numpy(), grid)
-    outside = _gradient(radiance.double().mean(-1).numpy(), grid)
+    before, after = (image.double().mean(-1).numpy() for image in (radiance, rest))
+    plate = _plate(before, cut)
     found = []
     for key in cut.keys:
         if key is None:
             found.append(0.0)
             continue
         own = np.zeros(cut.holes.shape, dtype=bool)
-        own.ravel()[key.place] = True
+        own.ravel()[key.place[key.share > 0]] = True
         around = grid.near(own, RIM_TEXELS * grid.texel) & ~cut.holes
-        rim = own & grid.near(around, RIM_TEXELS * grid.texel) if around.any() else own
-        found.append(_mean(within, rim, grid) / max(_mean(outside, around, grid), 1e-30))
+        if not around.any():
+            found.append(0.0)
+            continue
+        rim = own & grid.near(around, RIM_TEXELS * grid.texel)
+        dark = max(RIM_DARK * float(np.median(before[around])), float(np.finfo(np.float32).tiny))
+        stays = np.log((after + dark) / (plate + dark)) > RIM_STAYS
+        other = stays | (cut.holes & ~own)
+        if other.any():
+            rim &= ~grid.near(other, RIM_BESIDE * grid.texel)
+        within, outside = (_gradient(np.log(one + dark), grid) for one in (after, before))
+        least = RIM_UNSEEN / grid.texel
+        found.append(_mean(within, rim, grid) / max(_mean(outside, around, grid), least))
     return found
+
+
+def _plate(luminance: Array, cut: FrameCut) -> Array:
+    """Return the map with all light of the keys' lamps taken.  [h, w]."""
+    share = np.zeros(luminance.size)
+    for key in cut.keys:
+        if key is not None:
+            share[key.place] += key.share
+    background = cut.background.double().mean(-1).numpy()
+    return luminance + share.reshape(luminance.shape) * (background - luminance)
 
 
 def _gradient(values: Array, grid: Grid) -> Array:
@@ -115,8 +152,10 @@ def _gradient(values: Array, grid: Grid) -> Array:
 
 
 def _mean(values: Array, mask: Mask, grid: Grid) -> float:
+    if not mask.any():
+        return 0.0
     weight = grid.solid_angle[mask]
-    return float((values[mask] * weight).sum() / weight.sum()) if mask.any() else 0.0
+    return float((values[mask] * weight).sum() / weight.sum())
 
 
 def document(

@@ -8,7 +8,7 @@ from asglight.keys import cards
 from asglight.keys.finding import SMALL_TEXELS, Lamp, lamps, surroundings
 from asglight.keys.following import Sighting
 from asglight.keys.rectangles import Patch
-from asglight.keys.spots import Array, Grid
+from asglight.keys.spots import Array, Grid, Mask, labelled
 
 OUTLINE = 0.25
 """Of a lamp's mean, at which its outline is taken."""
@@ -54,6 +54,20 @@ def figure(lamp: Lamp, luminance: Array, grid: Grid) -> float:
     patch = Patch.of(np.flatnonzero(near), grid)
     above = np.where(lamp.mask, np.maximum(luminance - around, 0), 0)
     level = OUTLINE * lamp.flux / float(grid.solid_angle[lamp.mask].sum())
-    light = (np.minimum(above, level) * grid.solid_angle).ravel()[patch.place]
+    outline = np.where(enclosed(lamp.mask, grid), level, np.minimum(above, level))
+    light = (outline * grid.solid_angle).ravel()[patch.place]
     tried = (cards.off_by(card, patch, light) for card in cards.starts(patch, light))
     return 1 - min(map(cards.apart, tried)) / 2 / float(light.sum())
+
+
+def enclosed(mask: Mask, grid: Grid) -> Mask:
+    """Mark the texels that a spot goes all around: dark rings, which filters leave in a lamp.
+
+    Args:
+        mask: The spot.  [H, W]
+        grid: Of the map.
+    """
+    labels, _ = labelled(~mask, corners=False)
+    areas = np.bincount(labels.ravel(), grid.solid_angle.ravel())
+    areas[0] = 0  # the spot itself
+    return (labels != areas.argmax()) & ~mask

@@ -82,22 +82,22 @@ def cap_of(directions: Array) -> tuple[Array, float]:
     return centre, float(np.arccos(np.clip((directions @ centre).min(), -1, 1)))
 
 
-def labelled(marks: Mask) -> tuple[NDArray[np.int_], int]:
-    """Number the connected spots of a map; texels that touch by a corner are connected.
+def labelled(marks: Mask, *, corners: bool = True) -> tuple[NDArray[np.int_], int]:
+    """Number the connected spots of a map.
 
     Args:
         marks: What belongs to spots.  [H, W]
+        corners: Whether texels that touch by a corner are connected.
 
     Returns:
         0 for the rest, spots from 1 on [H, W]; how many there are.
     """
     labels = np.zeros(marks.shape, dtype=int)
-    ndimage.label(marks, np.ones((3, 3)), output=labels)
+    ndimage.label(marks, ndimage.generate_binary_structure(2, 1 + corners), output=labels)
     count = int(labels.max(initial=0))
     rows = np.arange(len(labels))
-    links = [
-        (labels[rows, 0], labels[np.clip(rows + step, 0, rows[-1]), -1]) for step in (-1, 0, 1)
-    ]
+    across = (-1, 0, 1) if corners else (0,)
+    links = [(labels[rows, 0], labels[np.clip(rows + step, 0, rows[-1]), -1]) for step in across]
     links += [(np.full_like(end, end.max()), end) for end in (labels[0], labels[-1])]
     first, second = (np.concatenate(side) for side in zip(*links, strict=True))
     both = (first > 0) & (second > 0)

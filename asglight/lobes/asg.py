@@ -167,6 +167,29 @@ def moments(lobes: Lobes) -> Moments:
     return Moments(*(m.to(lobes.sharpness.dtype) for m in result))
 
 
+def facing_irradiance(lobes: Lobes, known: Moments | None = None) -> Tensor:
+    """Return the irradiance on a patch that faces each lobe: the integral of z over z > 0.
+
+    asg: the first moment. bingham: one side's, which is the integral of the asg of the same
+    sharpness. sg: 2 pi (s - 1 + exp(-s)) / s^2, by parts.
+
+    Args:
+        lobes: N lobes.  [..., N, .]
+        known: Their moments, float64, where they are there.  [..., N, .]
+
+    Returns:
+        Linear RGB, not divided by pi, float64.  [..., N, 3]
+    """
+    lobes = lobes.to(torch.float64)
+    if lobes.form is Form.SG:
+        unit = _sg_facing(lobes.sharpness[..., 0])
+    elif lobes.form is Form.BINGHAM:
+        unit = integral(Lobes(lobes.axes, lobes.sharpness, lobes.amplitude, Form.ASG))
+    else:
+        unit = (known or moments(lobes)).first
+    return lobes.amplitude * unit[..., None]
+
+
 def rotate(lobes: Lobes, rotation: Tensor) -> Lobes:
     """Rotate lobes: the result at R d equals the argument at d.
 
@@ -316,3 +339,11 @@ def sg_moments(s: Tensor) -> Moments:
     first = zeroth * mean_z
     lateral = zeroth * ratio  # E[x^2] = E[z] / s
     return Moments(zeroth, first, torch.stack([lateral, lateral, zeroth - 2 * lateral], dim=-1))
+
+
+def _sg_facing(s: Tensor) -> Tensor:
+    small = s < 0.05  # there s - 1 + exp(-s) cancels; the series is exact to 1e-10
+    safe = torch.where(small, 1.0, s)
+    closed = (safe + torch.expm1(-safe)) / safe.square()
+    series = 1 / 2 - s * (1 / 6 - s * (1 / 24 - s * (1 / 120 - s * (1 / 720 - s / 5040))))
+    return 2 * torch.pi * torch.where(small, series, closed)

@@ -220,6 +220,7 @@ class LobeTracks:
         metadata: What made them: version, preset, options, source, errors. JSON values only.
         names: What each lobe is called, for good: lights are linked by name. None are `lobe_00`,
             `lobe_01` and so on.  N
+        display_names: What a person calls some of them, by name; any text.
     """
 
     frames: tuple[int, ...]
@@ -227,6 +228,7 @@ class LobeTracks:
     lobes: Lobes
     metadata: Mapping[str, Any] = field(default_factory=dict)
     names: tuple[str, ...] = ()
+    display_names: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Name the lobes where nobody did; check that frames, lobes and names agree."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which lobes are on one lamp: those within each other's widths."""
+"""Which lobes are on one lamp, those within each other's widths, and where they turn on to."""
 
 import torch
 from torch import Tensor
@@ -28,3 +28,33 @@ def nearest(lobes: Lobes, among: Tensor) -> tuple[Tensor, Tensor]:
     apart = torch.where(among & ~itself, turned / (width + width[:, None]), torch.inf)
     closest, index = apart.min(-1)
     return index, closest < 1
+
+
+def onward(before: Lobes, earlier: Lobes, known: Tensor) -> Tensor:
+    """Return where lobes are in the next frame if they turn on as they did.
+
+    A lobe that is new turns with the one that it is near to: lobes on one lamp move together.
+
+    Args:
+        before: The frame before.  [N, .]
+        earlier: The frame before that.  [N, .]
+        known: Which of them were lit then.  [N]
+
+    Returns:
+        Their axes z.  [N, 3]
+    """
+    beside, is_near = nearest(before, known)
+    own = torch.arange(before.count, device=beside.device)
+    leader = torch.where(known | ~is_near, own, beside)
+    turned = _turned(before.axis_z, earlier.axis_z[leader], before.axis_z[leader])
+    return torch.where((known | is_near)[:, None], turned, before.axis_z)
+
+
+def _turned(directions: Tensor, start: Tensor, end: Tensor) -> Tensor:
+    """Turn directions as from a start to an end on its great circle.  [N, 3] each."""
+    axis = torch.linalg.cross(start, end)
+    across = torch.linalg.cross(axis, directions)
+    cosine = (start * end).sum(-1, keepdim=True)
+    # Rodrigues' formula without the angle; opposite ends have no shortest way, and stay
+    again = torch.linalg.cross(axis, across) / (1 + cosine).clamp(min=1e-6)
+    return torch.nn.functional.normalize(directions + across + again, dim=-1)

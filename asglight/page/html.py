@@ -26,7 +26,7 @@ PARTS = Path(__file__).resolve().parent / "parts"
 
 
 def page_balls() -> tuple[Ball, ...]:
-    """Return the balls of a page: the row that the viewer opens with, from mirror to matt."""
+    """Return the balls of a page: the row that the viewer opens with, from mirror to matte."""
     return ball_row()
 
 

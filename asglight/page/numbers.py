@@ -29,9 +29,9 @@ from asglight.viewer.uniforms.outlines import half_angles, outlines
 MAP_ROWS = 256
 """Of the map, as in the viewer."""
 
-MATT_GREY = 0.36
-"""What the middle of the matt ball shows at the exposure that the page opens with: a stop above
-middle grey, where a photographer puts a matt white ball."""
+MATTE_GREY = 0.36
+"""What the middle of the matte ball shows at the exposure that the page opens with: a stop above
+middle grey, where a photographer puts a matte white ball."""
 
 OF_SHEET = ("axis_z", "mean", "spread_x", "variance_z", "spread_y")
 OF_GGX_SHEET = ("axis_x", "disc_variance_x", "half_vector", "disc_variance_y")
@@ -171,14 +171,14 @@ def _thinned(curve: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _exposure(made: Sequence[Sheets], light: Sequence[torch.Tensor]) -> float:
-    """Return the stops that bring the matt ball of the median frame to `MATT_GREY`; 0 for black."""
+    """Return the stops that bring the matte ball of the median frame to `MATTE_GREY`, or 0."""
     facing = torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64)
     levels = [
         float(torch.einsum("mp,mc->pc", irradiance_over_pi(one, facing), shine)[0] @ _luminance())
         for one, shine in zip(made, light, strict=True)
     ]
     lit = sorted(level for level in levels if level > 0)
-    return math.log2(MATT_GREY / lit[len(lit) // 2]) if lit else 0.0
+    return math.log2(MATTE_GREY / lit[len(lit) // 2]) if lit else 0.0
 
 
 def _luminance() -> torch.Tensor:

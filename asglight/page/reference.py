@@ -5,7 +5,7 @@ A JPEG has 8 bits. The map and each ball have a range of their own, from `low` t
 
     level = 16 + 239 (log2 x - low) / (high - low)       0 is black, and so is what is below 8
 
-A matt ball spans a few stops and has steps below a percent, a map with the sun in it some percent:
+A matte ball spans a few stops and has steps below a percent, a map with the sun in it some percent:
 enough for the eye at any exposure. Errors are computed of the maps themselves.
 
 Dimension letters: F frames, B balls.
@@ -31,8 +31,8 @@ from asglight.viewer.state.balls import Ball
 ROWS, BALL = 192, 96
 """Of the stored map, and pixels across a stored ball."""
 
-MATT_ROWS = 32
-"""Of the map that lights the matt ball: its cosine is nearly straight over 6 degrees."""
+MATTE_ROWS = 32
+"""Of the map that lights the matte ball: its cosine is nearly straight over 6 degrees."""
 
 RANGE_MAX = 24.0
 """Stops from the brightest texel down to what is stored as black: the eye sees 14 at once."""
@@ -74,7 +74,7 @@ def reference_of(
         name: What to call it.
         maps: Radiance of the F frames, in order, [H, 2 H, 3] each.
         tracks: Their lobes.
-        balls: White metal with a roughness, and matt white ones without.
+        balls: White metal with a roughness, and matte white ones without.
     """
     pictures: list[bytes] = []
     ranges: list[list[tuple[float, float]]] = []
@@ -100,8 +100,8 @@ def _balls(maps: Sequence[Tensor], balls: Sequence[Ball]) -> Tensor:
     rows = max(len(one) for one in maps)
     whole = torch.stack([latlong.reduce(one, rows, 2 * rows) for one in maps])
     layered = iter(render_balls(whole, roughness, size=BALL).unbind(1))
-    matt = _matt(maps)
-    rows_of = [matt if ball.roughness is None else next(layered) for ball in balls]
+    matte = _matt(maps)
+    rows_of = [matte if ball.roughness is None else next(layered) for ball in balls]
     drawn = torch.stack(rows_of, dim=1)  # multiplied by the coverage, which the page does itself
     share = coverage(BALL)[..., None]
     mean = drawn.sum((2, 3), keepdim=True) / share.sum()
@@ -109,9 +109,9 @@ def _balls(maps: Sequence[Tensor], balls: Sequence[Ball]) -> Tensor:
 
 
 def _matt(maps: Sequence[Tensor]) -> Tensor:
-    """Return matt white balls: irradiance over pi, by a sum over texels.  [F, S, S, 3]."""
+    """Return matte white balls: irradiance over pi, by a sum over texels.  [F, S, S, 3]."""
     share, normals = covered(BALL)
-    grid = MATT_ROWS, 2 * MATT_ROWS
+    grid = MATTE_ROWS, 2 * MATTE_ROWS
     light = torch.stack([latlong.reduce(one, *grid) for one in maps])
     light = light * latlong.texel_solid_angles(*grid)[..., None] / math.pi
     cosine = (normals @ latlong.directions(*grid).reshape(-1, 3).mT).clamp(min=0)

@@ -7,6 +7,7 @@ Sobol points, the same at every normal. Symbols: N lobes, P normals, S points of
 """
 
 import math
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
@@ -91,6 +92,36 @@ def irradiance_over_pi(lobes: Lobes, normals: Tensor, points: int = POINTS) -> T
             total += (_values(lobe, directions) * cosine / math.pi / density).sum(-1)
         result[index] = total
     return result
+
+
+def visible(
+    lobe: Lobes, normal: Tensor, hits: Callable[[Tensor], Tensor], points: int = POINTS
+) -> Tensor:
+    """Integrate what is left of a lobe's irradiance behind something.
+
+    Args:
+        lobe: One lobe, float64.  [1, .]
+        normal: Of the surface.  [3]
+        hits: Returns which of S directions meet something from each of P places.  [S, 3] -> [P, S]
+        points: S of each sampler.
+
+    Returns:
+        The share of the irradiance that reaches each place.  [P]
+    """
+    draws = _draws(points)
+    azimuth, sin2 = 2 * math.pi * draws[:, 0], draws[:, 1]
+    local = torch.stack(
+        [sin2.sqrt() * azimuth.cos(), sin2.sqrt() * azimuth.sin(), (1 - sin2).sqrt()], -1
+    )
+    hemisphere = (local @ _frames(normal[None], torch.zeros(3, dtype=torch.float64)))[0]
+    total, left = torch.zeros((), dtype=torch.float64), torch.zeros((), dtype=torch.float64)
+    for directions in (hemisphere, _lobe_points(lobe, draws)):
+        cosine = (directions @ normal).clamp(min=0)
+        density = points * (cosine / math.pi + _lobe_density(lobe, directions))
+        value = _values(lobe, directions) * cosine / density
+        total = total + value.sum()
+        left = left + (~hits(directions) * value).sum(-1)
+    return left / total
 
 
 def ball_points(lobes: Lobes, roughness: float, count: int) -> tuple[Tensor, Tensor]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from asglight.fitting.lean import BUDGET, leave_out
+from asglight.fitting.simplification import BUDGET, leave_out
 from asglight.lobes import Form, Lobes
 from asglight.shots.tolerance import Accuracy
 from asglight.threads import one_thread, threads_there

@@ -191,7 +191,7 @@ def _sky_and_cloud(config: SkyConfig, moment: float, height: int) -> Tensor:
 
 
 def _ground(config: SkyConfig, moment: float) -> Tensor:
-    """Return the radiance of level, matt ground under everything above it, kcd/m^2.  [3]."""
+    """Return the radiance of level, matte ground under everything above it, kcd/m^2.  [3]."""
     directions = latlong.directions(_LIGHT_ROWS, 2 * _LIGHT_ROWS, dtype=torch.float64)
     cosine = directions[..., 1].clamp(min=0) * _solid_angles()
     light = torch.einsum("hw,hwc->c", cosine, _sky_and_cloud(config, moment, _LIGHT_ROWS))

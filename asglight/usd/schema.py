@@ -36,6 +36,8 @@ FORMAT_VERSION = 1
 LOBE_API, COLORSPACE_API = "AsgLobeAPI", "ColorSpaceAPI"
 RIG, LOBES, DOME, FILL = "AsgRig", "Lobes", "Dome", "Fill"
 KEYS, REST = "Keys", "Rest"
+DISPLAY_NAME, VISIBILITY = "displayName", "visibility"
+"""What a person calls a prim, and whether it is seen: USD's own, which other programs show."""
 SIDES = ("front", "back")
 VARIANT_SET = "representation"
 

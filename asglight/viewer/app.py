@@ -12,35 +12,49 @@ from typing import TYPE_CHECKING
 
 from asglight.errors import InputError
 from asglight.shader_files import ShaderError
+from asglight.viewer.colour import opencolorio
 from asglight.viewer.state.session import Session
+from asglight.viewer.state.views import Scene
 
 if TYPE_CHECKING:
     from asglight.viewer.io.wanted import Wanted
 
-_EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL", "imageio_ffmpeg"}
+_EXTRA = {"moderngl", "glcontext", "imgui_bundle", "glfw", "PIL", "imageio_ffmpeg", "filelock"}
 """Packages that only the viewer needs."""
 
 
-def set_up(session: Session, frame: float | None, exposure_ev: float | None) -> None:
+def set_up(
+    session: Session, frame: float | None, exposure_ev: float | None, view: str | None = None
+) -> None:
     """Bring a new session into the state that the command line asks for.
 
     Args:
         session: Changed in place.
         frame: Frame to show, or a time between two; None for the first.
         exposure_ev: Stops; None to meter the first light.
+        view: A member of ViewTransform, or CONFIG/SCREEN/RENDERING of OpenColorIO; None for the
+            first, or the one that the window had last.
 
     Raises:
-        InputError: The timeline has no such frame.
+        InputError: The timeline has no such frame, or there is no such view.
     """
     state = session.state
     session.meters = exposure_ev is None
     state.display.exposure_ev = exposure_ev or 0.0
+    if view is not None:
+        session.has_view = True
+        state.display.transform, state.display.colour_view = opencolorio.chosen(view)
     if frame is not None:
         frames = state.playback.frames
         is_between = frame != int(frame) and frames[0] < frame < frames[-1]
         if frame not in frames and not is_between:
             raise InputError(_missing_frame(frame, session.title, frames))
         state.playback.go_to_time(frame)
+
+
+def show_ground(session: Session) -> None:
+    """Begin with the ball on the ground."""
+    session.state.scene = Scene.GROUND
 
 
 def show(

@@ -15,8 +15,8 @@ _RIGHT_EM = 20.0
 _STACKED_EM = 50.0
 """Height from which lobes stand below the look; in less room both are tabs of one place."""
 
-_INSPECTOR_EM = 9.0
-"""Height of the inspector: its tab and six lines."""
+_INSPECTOR_EM = 10.0
+"""Height of the inspector: its tab, its buttons and five lines."""
 
 
 def splits(size: tuple[int, int], em: float) -> list[hello_imgui.DockingSplit]:

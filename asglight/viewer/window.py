@@ -29,21 +29,23 @@ from asglight.viewer.io.wanted import TURNTABLE, Wanted
 from asglight.viewer.panels import help as help_panel
 from asglight.viewer.panels import widgets
 from asglight.viewer.panels.balls import balls
-from asglight.viewer.panels.browser import browser
 from asglight.viewer.panels.curves import curves
-from asglight.viewer.panels.history import history
+from asglight.viewer.panels.dialogs.browser import browser
+from asglight.viewer.panels.dialogs.progress import progress
+from asglight.viewer.panels.dialogs.question import question
 from asglight.viewer.panels.inspector import inspector
-from asglight.viewer.panels.lobes import lobes
+from asglight.viewer.panels.lights.history import history
+from asglight.viewer.panels.lights.lobes import lobes
 from asglight.viewer.panels.look import look
 from asglight.viewer.panels.map import latlong_map
 from asglight.viewer.panels.menus import menus
-from asglight.viewer.panels.progress import progress
-from asglight.viewer.panels.question import question
+from asglight.viewer.panels.scopes import scopes
 from asglight.viewer.panels.timeline import timeline
 from asglight.viewer.state import settings
 from asglight.viewer.state.commands import FLIP_KEY
 from asglight.viewer.state.session import Session
-from asglight.viewer.state.viewer_state import RENDERS, Request, Theme, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import RENDERS, Request, Theme
 
 _BALLS = "Balls"
 _THEMES = {
@@ -56,7 +58,7 @@ _HANDLE = ImVec4(0.3, 0.6, 0.95, 0.4)
 MESSAGE_SECONDS = 20.0
 """After which a message has been read, or is about what is no more."""
 
-_UNSCROLLED = {_BALLS, "Timeline", "Map", "Curves"}
+_UNSCROLLED = {_BALLS, "Timeline", "Map", "Curves", "Scopes"}
 """Panels that fill their room; the wheel does something else in them."""
 
 _RECENT, _SETTINGS = "recent", "settings"
@@ -100,7 +102,10 @@ class Window:
         imgui.get_io().config_error_recovery_enable_assert = False
         self.renderer = Renderer(self.context)
         if _remembers():
+            chosen = self.state.display.transform, self.state.display.colour_view
             settings.restore(self.state, hello_imgui.load_user_pref(_SETTINGS))
+            if self.session.has_view:
+                self.state.display.transform, self.state.display.colour_view = chosen
             with suppress(ValueError, TypeError):
                 recent = json.loads(hello_imgui.load_user_pref(_RECENT))
                 self.documents.recent = [str(path) for path in recent][:RECENT_MAX]
@@ -175,9 +180,10 @@ class Window:
             ("Timeline", "TimelineSpace", lambda: timeline(self.state)),
             ("Map", "LowerSpace", lambda: latlong_map(self.state, self.renderer)),
             ("Curves", "CurvesSpace", lambda: curves(self.state)),
+            ("Scopes", "CurvesSpace", lambda: scopes(self.state, self.renderer)),
             ("Look", "RightSpace", lambda: look(self.state)),
             ("Lobes", "LobesSpace", lambda: lobes(self.state)),
-            ("Inspector", "InspectorSpace", lambda: inspector(self.state)),
+            ("Inspector", "InspectorSpace", lambda: inspector(self.state, self.renderer)),
             ("History", "InspectorSpace", lambda: history(self.state)),
         )
         windows = [
@@ -346,7 +352,7 @@ class Window:
 
     def _ask_for_file(self, request: Request) -> None:
         """Let a file be named, by the system where it can; it knows no sequences to open."""
-        if request is Request.OPEN or not native.has_dialog():
+        if request in (Request.OPEN, Request.OPEN_AGAINST) or not native.has_dialog():
             self.documents.browse(request)
         else:
             self._dialog = request, native.save_dialog(request, *self.documents.proposed(request))

@@ -12,7 +12,7 @@ from asglight.viewer.gl.balls_pass import BallsPass
 from asglight.viewer.gl.context import describe, standalone_context
 from asglight.viewer.gl.layers import SAMPLES_AT_ONCE
 from asglight.viewer.gl.passes import radiance_target
-from asglight.viewer.gl.reference_pass import ReferencePass
+from asglight.viewer.gl.reference.reference_pass import ReferencePass
 from asglight.viewer.state.balls import ball_row
 from benchmarks.gpu.data import lamps, maps
 from benchmarks.gpu.rows import Given, Row

@@ -3,21 +3,27 @@
 
     python -m benchmarks.keyed.measure ../shared/hdri/*.exr ../shared/sequences/*
     python -m benchmarks.keyed.measure ../shared/hdri/*.exr --texture
+    python -m benchmarks.keyed.measure --synthetic 100 --seed 1
 
 Each input is fitted with `fast`, its keys are cut, and the stage is read by pxr alone: lights are
 what UsdLux says, seen from the origin along rays through every texel, and the rest is its image.
 The errors are those of docs/results/measures.md; of a sequence the worst frame counts. `flux` is
 the largest error of a channel, `rim` the largest gradient of the rest within the rim of a matte
 over that of the map around it, `pump` how much more the rest changes from frame to frame within the
-mattes than around them.
+mattes than around them, both of the logarithm of radiance.
+
+Synthetic cases are those of `cases.py`. Their `corners` are the largest distance of a card's corner
+from the one of the rectangle that it shows, over the rectangle's shorter side (or three texels,
+where that is more). The last lines have the worst of each kind and of all.
 """
 
 import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -26,13 +32,18 @@ from pxr import Usd, UsdGeom, UsdLux
 from torch import Tensor
 
 from asglight.fitting.options import FIT_HEIGHT
-from asglight.images import open_sequence, read_latlong
+from asglight.images import Sequence as ImageSequence
+from asglight.images import open_sequence, read_latlong, write_exr
 from asglight.images.decoding.decode import read_header
 from asglight.images.decoding.strips import read_pixels
 from asglight.judging.metrics import maps_errors
+from asglight.lobes import Lobes, LobeTracks
 from asglight.shots import fit_shot
+from asglight.shots.keying import Keying
 from asglight.sphere import latlong
+from asglight.usd import write_usd
 from asglight.usd.options import KeyLights, KeyOptions, StageOptions
+from benchmarks.keyed.cases import Case, Quad, cases
 
 RAYS = (12, 300)
 """Through a texel each way, at least and at most."""
@@ -65,43 +76,205 @@ class Light:
 def main(argv: Sequence[str] | None = None) -> int:
     """Cut every input and print the table."""
     parser = argparse.ArgumentParser(prog="keys", description=__doc__)
-    parser.add_argument("inputs", nargs="+", metavar="INPUT", help="images, folders or patterns")
+    parser.add_argument("inputs", nargs="*", metavar="INPUT", help="images, folders or patterns")
     parser.add_argument("--texture", action="store_true", help="keys carry the pixels of lamps")
     parser.add_argument("--keys", type=int, metavar="N", help="so many keys (default: auto)")
     parser.add_argument("--step", type=int, default=1, metavar="N", help="judge every Nth frame")
+    parser.add_argument("--synthetic", type=int, default=0, metavar="N", help="cases by chance")
+    parser.add_argument("--seed", type=int, default=1, help="of chance")
+    parser.add_argument("--rows", type=int, default=128, help="of a synthetic map")
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
-    columns = ["input", "keys", "keyed %", *SHOWN, "flux", "rim", "pump", "MB"]
-    print(f"| {' | '.join(columns)} |")
-    print(f"| --- |{' ---: |' * (len(columns) - 1)}", flush=True)
+    heads = ["input", "keys", "keyed %", *SHOWN, "flux", "rim", "pump"]
+    if options.inputs:
+        _print_row([*heads, "MB"])
+        _print_row(["---", *["---:"] * len(heads)])
     for source in options.inputs:
-        print(f"| {' | '.join(judged(source, options))} |", flush=True)
+        _print_row(judged(source, options).cells())
+    if options.synthetic:
+        print_synthetic(options, [*heads, "corners"])
     return 0
 
 
-def judged(source: str, options: argparse.Namespace) -> list[str]:
-    """Return the cells of an input."""
+def _print_row(cells: Sequence[str]) -> None:
+    print(f"| {' | '.join(cells)} |", flush=True)
+
+
+@dataclass(frozen=True)
+class Row:
+    """The figures of an input.
+
+    Attributes:
+        name: Of the input.
+        keys: How many.
+        share: Of the light in keys.
+        worst: `SHOWN` and `flux`, of the worst frame.
+        rim: Of the worst key, None without one.
+        pump: None of a still.
+        bytes: Of the stage's files.
+    """
+
+    name: str
+    keys: int
+    share: float
+    worst: dict[str, float]
+    rim: float | None
+    pump: float | None
+    bytes: int
+
+    def cells(self) -> list[str]:
+        """Return the cells of a table."""
+        return [*self.figures(), f"{self.bytes / 1e6:.2f}"]
+
+    def figures(self) -> list[str]:
+        """Return the cells up to `pump`."""
+        return [
+            self.name,
+            str(self.keys),
+            f"{100 * self.share:.1f}",
+            *(f"{self.worst[name]:.4f}" for name in SHOWN),
+            f"{self.worst['flux']:.0e}",
+            *("–" if one is None else f"{one:.2f}" for one in (self.rim, self.pump)),
+        ]
+
+
+def judged(source: str, options: argparse.Namespace) -> Row:
+    """Fit an input, cut its keys and judge its stage."""
     keys = KeyOptions(options.keys, KeyLights.RECT, options.texture)
     with tempfile.TemporaryDirectory() as folder:
         stage = Path(folder) / "keys.usdc"
         done = fit_shot(source, stage, stage=StageOptions(representations=("keys",)), keys=keys)
-        told = done.keys or {}
         sequence = open_sequence(source, height=FIT_HEIGHT)
-        frames = sequence.frames[:: options.step]
-        rows = [frame_row(stage, frame, sequence.read(frame).radiance) for frame in frames]
-        pumped = pump(stage, sequence.frames, [sequence.read(f).radiance for f in sequence.frames])
-    worst = {name: max(row[name] for row in rows) for name in (*SHOWN, "flux")}
+        return stage_row(sequence, stage, done.keys or {}, done.written.bytes, options.step)
+
+
+def stage_row(
+    sequence: ImageSequence, stage: Path, told: dict[str, Any], size: int, step: int = 1
+) -> Row:
+    """Judge a stage of keys against its images.
+
+    Args:
+        sequence: The images.
+        stage: The stage's file.
+        told: What was said of its keys.
+        size: Of its files, in bytes.
+        step: Every which frame is judged.
+    """
+    frames = sequence.frames[::step]
+    rows = [frame_row(stage, frame, sequence.read(frame).radiance) for frame in frames]
     rims = [key["rim"] for key in told["keys"] if key["rim"] is not None]
-    return [
+    return Row(
         sequence.name,
-        str(len(told["keys"])),
-        f"{100 * told['share']:.1f}",
-        *(f"{worst[name]:.4f}" for name in SHOWN),
-        f"{worst['flux']:.0e}",
-        f"{max(rims):.2f}" if rims else "–",
-        pumped,
-        f"{done.written.bytes / 1e6:.2f}",
-    ]
+        len(told["keys"]),
+        told["share"],
+        {name: max(row[name] for row in rows) for name in (*SHOWN, "flux")},
+        max(rims, default=None),
+        pump(stage, sequence.frames, [sequence.read(f).radiance for f in sequence.frames]),
+        size,
+    )
+
+
+def print_synthetic(options: argparse.Namespace, heads: Sequence[str]) -> None:
+    """Judge cases by chance, print a row for each, and the worst of each kind and of all."""
+    _print_row(heads)
+    _print_row(["---", *["---:"] * (len(heads) - 1)])
+    found: list[tuple[Row, float | None]] = []
+    for case in cases(options.synthetic, options.seed, options.rows):
+        found.append(judged_case(case, options))
+        _print_row(_case_cells(*found[-1]))
+    kinds = dict.fromkeys(row.name.rsplit(" ", 1)[0] for row, _ in found)
+    for kind in [*kinds, ""]:
+        of_kind = [one for one in found if one[0].name.startswith(kind)]
+        _print_row(_case_cells(*_worst(of_kind, f"worst of {kind or 'all'}")))
+
+
+def _case_cells(row: Row, corners: float | None) -> list[str]:
+    return [*row.figures(), "–" if corners is None else f"{corners:.3f}"]
+
+
+def _worst(found: Sequence[tuple[Row, float | None]], name: str) -> tuple[Row, float | None]:
+    rows = [row for row, _ in found]
+
+    def most(values: Sequence[float | None]) -> float | None:
+        return max((one for one in values if one is not None), default=None)
+
+    worst = {key: max(row.worst[key] for row in rows) for key in rows[0].worst}
+    whole = Row(
+        name,
+        max(row.keys for row in rows),
+        max(row.share for row in rows),
+        worst,
+        most([row.rim for row in rows]),
+        most([row.pump for row in rows]),
+        0,
+    )
+    return whole, most([corners for _, corners in found])
+
+
+def judged_case(case: Case, options: argparse.Namespace) -> tuple[Row, float | None]:
+    """Cut the keys of a case beside a lobe that says nothing, and judge its stage.
+
+    Returns:
+        Its row, and how far corners are off, None where none are known.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        numbers = range(1001, 1001 + len(case.frames))
+        for number, image in zip(numbers, case.frames, strict=True):
+            write_exr(folder / f"case.{number}.exr", image)
+        sequence = open_sequence(folder / "case.####.exr")
+        keys = KeyOptions(options.keys, KeyLights.RECT, options.texture)
+        written = write_usd(
+            _one_lobe(tuple(numbers)),
+            folder / "keys.usdc",
+            representations=("keys",),
+            keys=Keying(sequence, keys),
+        )
+        told = written.keys or {}
+        row = stage_row(sequence, folder / "keys.usdc", told, written.bytes)
+        row = replace(row, name=case.name)
+        if not case.quads or options.texture or not told["keys"]:
+            return row, None
+        stage = Usd.Stage.Open(str(folder / "keys.usdc"))
+        texel = np.pi / len(case.frames[0])
+        return row, corners_off(lights(stage, numbers[0]), case.quads, texel)
+
+
+def _one_lobe(frames: tuple[int, ...]) -> LobeTracks:
+    count = len(frames)
+    lobes = Lobes(
+        torch.eye(3).expand(count, 1, 3, 3),
+        torch.full((count, 1, 2), 2.0),
+        torch.full((count, 1, 3), 1e-3),
+    )
+    return LobeTracks(frames, 24.0, lobes)
+
+
+def corners_off(found: Sequence[Light], quads: Sequence[Quad], texel: float) -> float | None:
+    """Return how far corners are off, the worst of the lights that stand on a lamp.
+
+    It is over the shorter side of a lamp, or three texels, where that is more.
+    """
+    worst = None
+    for light in found:
+        world = np.linalg.inv(light.to_local)
+        local = [[i * light.half[0], j * light.half[1], 0, 1] for i, j in ROUND]
+        corners = (np.array(local) @ world)[:, :3]
+        corners /= np.linalg.norm(corners, axis=-1, keepdims=True)
+        for quad in quads:
+            if not quad.covers(corners.mean(0)[None])[0]:
+                continue
+            orders = [np.roll(one, k, 0) for one in (corners, corners[::-1]) for k in range(4)]
+            away = min(
+                float(np.arccos(np.clip((one * quad.corners).sum(-1), -1, 1)).max())
+                for one in orders
+            )
+            sides = np.arccos((quad.corners * np.roll(quad.corners, 1, 0)).sum(-1))
+            worst = max(worst or 0.0, away / max(float(sides.min()), 3 * texel))
+    return worst
+
+
+ROUND = ((1, 1), (-1, 1), (-1, -1), (1, -1))
 
 
 def frame_row(stage: Path, frame: int, reference: Tensor) -> dict[str, float]:
@@ -230,14 +403,20 @@ def _mean(image: NDArray[np.float32] | None, p: float, q: float) -> Array:
     return (image * weight[..., None]).sum((0, 1)) / weight.sum()
 
 
-def pump(stage: Path, frames: Sequence[int], maps: Sequence[Tensor]) -> str:
+DARK, UNSEEN = 0.05, 0.01
+"""As of `asglight.keys.report.rim_gradients`: what is added to radiance before its logarithm, over
+the median around mattes, and the change from frame to frame that no eye sees."""
+
+
+def pump(stage: Path, frames: Sequence[int], maps: Sequence[Tensor]) -> float | None:
     """Return how the rest changes from frame to frame where keys are, over the map around them.
 
     Texels in which rest and map differ are those of mattes; around them is a band as wide as two
-    texels. The change is the mean of the absolute differences of neighbouring frames.
+    texels. The change is the mean of the absolute differences of neighbouring frames, of the
+    logarithm of radiance.
     """
     if len(frames) < 2:
-        return "–"
+        return None
     opened = Usd.Stage.Open(str(stage))
     inside, around = [], []
     last: tuple[Tensor, Tensor, Tensor] | None = None
@@ -245,12 +424,18 @@ def pump(stage: Path, frames: Sequence[int], maps: Sequence[Tensor]) -> str:
         rest = latlong.reduce(read_latlong(rest_image(opened, frame)).radiance, *truth.shape[:2])
         cut = ((rest - truth).abs() > 1e-3 * truth.clamp(min=1e-6)).any(-1)
         if last is not None:
-            both = cut & last[2]
-            grown = _grown(_grown(cut | last[2])) & ~(cut | last[2])
-            inside.append(float((rest - last[0]).abs().mean(-1)[both].mean()) if both.any() else 0)
-            around.append(float((truth - last[1]).abs().mean(-1)[grown].mean()))
+            both, band = cut & last[2], _grown(_grown(cut | last[2])) & ~(cut | last[2])
+            if both.any() and band.any():
+                dark = DARK * float(truth.mean(-1)[band].median())
+                inside.append(_change(last[0], rest, dark, both))
+                around.append(max(_change(last[1], truth, dark, band), UNSEEN))
         last = rest, truth, cut
-    return f"{np.mean(inside) / max(np.mean(around), 1e-30):.2f}"
+    return float(np.mean(inside) / np.mean(around)) if inside else None
+
+
+def _change(before: Tensor, after: Tensor, dark: float, where: Tensor) -> float:
+    ratio = (after.mean(-1)[where] + dark) / (before.mean(-1)[where] + dark)
+    return float(ratio.log().abs().mean())
 
 
 def _grown(mask: Tensor) -> Tensor:

@@ -5,6 +5,7 @@ import datetime
 import shutil
 import subprocess
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from asglight.judging.machine import machine
@@ -17,6 +18,9 @@ PAGES = ("README.md", "docs/results/*.md")
 
 NOTE = "*Made by `"
 """How the line below a table begins that says the command, the machine and the commit."""
+
+HIDDEN = "<!-- Made by `"
+"""How it begins in README.md, whose readers came for the picture."""
 
 
 class PartError(Exception):
@@ -31,16 +35,18 @@ class Where:
     commit: str
     day: str
 
-    def note(self, command: str) -> str:
+    def note(self, command: str, *, is_hidden: bool = False) -> str:
         """Return the line below a table."""
-        return f"{NOTE}{command}`, on {self.machine}, at commit {self.commit}, {self.day}.*"
+        start, end = (HIDDEN, ". -->") if is_hidden else (NOTE, ".*")
+        return f"{start}{command}`, on {self.machine}, at commit {self.commit}, {self.day}{end}"
 
 
 def here(root: Path) -> Where:
     """Return where and when something is measured now."""
     at = machine()
     commit = _git(root, "rev-parse", "--short", "HEAD")
-    changed = _git(root, "status", "--porcelain", "--untracked-files=no")
+    sources = (".", ":!docs", ":!README.md")  # pages change while parts are made
+    changed = _git(root, "status", "--porcelain", "--untracked-files=no", "--", *sources)
     return Where(
         f"{at['processor']}, {at['cores']} cores",
         f"{commit} and changes after it" if changed else commit,
@@ -110,16 +116,17 @@ def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Wh
             raise PartError(f"made no {source}")
         (root / target).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(drawn[0], root / target)
-    note = where.note(part.shown())
-
-    def change(block: Block) -> Block:
-        if block.name.partition(".")[0] != part.name:
-            return block
-        made = content.get(block.name, _without_note(block.content))
-        return Block(block.name, part.shown(), f"{made}\n\n{note}")
-
     for path in pages(root):
-        path.write_text(with_blocks(path.read_text(), change))
+        note = where.note(part.shown(), is_hidden=path.parent == root)
+        path.write_text(with_blocks(path.read_text(), partial(_made, part, content, note)))
+
+
+def _made(part: Part, content: dict[str, str], note: str, block: Block) -> Block:
+    """Return a block with what its part made, if it is of that part."""
+    if block.name.partition(".")[0] != part.name:
+        return block
+    made = content.get(block.name, _without_note(block.content))
+    return Block(block.name, part.shown(), f"{made}\n\n{note}")
 
 
 def _asked(part: Part, root: Path) -> set[str]:
@@ -140,4 +147,6 @@ def _contents(part: Part, output: Path, printed: str) -> dict[str, str]:
 
 
 def _without_note(content: str) -> str:
-    return "\n".join(line for line in content.split("\n") if not line.startswith(NOTE)).rstrip()
+    return "\n".join(
+        line for line in content.split("\n") if not line.startswith((NOTE, HIDDEN))
+    ).rstrip()

@@ -20,7 +20,7 @@ from asglight.images import read_latlong
 from asglight.sphere import latlong
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.context import describe, standalone_context
-from asglight.viewer.gl.reference_pass import ReferencePass
+from asglight.viewer.gl.reference.reference_pass import ReferencePass
 from asglight.viewer.state.balls import Ball, ball_row
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))

@@ -111,7 +111,7 @@ def _stepped(
         wanted = replace(wanted, radiance=moved[0], parts=moved[1])
     found = newton.minimise(
         replace(lobes, amplitude=lobes.amplitude / frame.exposure)[None],
-        wanted.weighed(*WEIGHTS),
+        wanted.with_weights(*WEIGHTS),
         steps,
         width_min=narrowest(frame.height),
     ).lobes[0]

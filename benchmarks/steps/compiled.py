@@ -101,7 +101,7 @@ def parts(reference: Tensor) -> list[Row]:
         "its slope on leaves": lambda: objective.misfit(radiance, target, target_sizes),
         "matrix and slope": lambda: newton.normal_equations(shown, misfit, target),
         "four steps": lambda: newton.minimise(lobes, target, 4, tolerance=0.0, shown=shown),
-        "light": lambda: light.relight(shown, target),
+        "light": lambda: light.solve_amplitudes(shown, target),
     }
     target_sizes = objective.sizes(radiance, target)
     return in_turn(calls, PART_RUNS)

@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def measured(name: str, reference: Tensor) -> Row:
     """Return what the ridge changes in the fit of a map.  [H, 2 H, 3]."""
     given: list[tuple[lobe_images.Images, objective.Target]] = []
-    own = light.relight
+    own = light.solve_amplitudes
 
     def noted(
         shown: lobe_images.Images, frame: objective.Target, still: Tensor | None = None
@@ -51,7 +51,7 @@ def measured(name: str, reference: Tensor) -> Row:
         given.append((shown, frame))
         return own(shown, frame, still)
 
-    with mock.patch.object(light, "relight", noted):
+    with mock.patch.object(light, "solve_amplitudes", noted):
         fit_frame(reference, FitOptions(), None)
     shown, frame = given[-1]
     found = own(shown, frame).lobes[0]

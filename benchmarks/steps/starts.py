@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting.first_frame import fit as first_frame
-from asglight.fitting.first_frame.fit import BEST, FAST, Effort, Level, soft_to_sharp
+from asglight.fitting.first_frame.fit import BEST, FAST, FirstFrameSettings, Level, soft_to_sharp
 from asglight.fitting.options import LOBES
 from asglight.judging.clock import Clock
 from asglight.judging.metrics import frame_errors
@@ -61,7 +61,7 @@ def _turned(radiance: Tensor, part: float) -> Tensor:
     return radiance.roll(round(part * radiance.shape[1]), dims=1)
 
 
-def measured(reference: Tensor, effort: Effort) -> dict[str, float]:
+def measured(reference: Tensor, effort: FirstFrameSettings) -> dict[str, float]:
     """Return J, the errors and the seconds of one fit.  [H, 2 H, 3]."""
     with one_thread(), torch.inference_mode():
         clock = Clock()

@@ -91,7 +91,7 @@ class ASGLIGHT_OT_fit_world(bpy.types.Operator):  # noqa: N801 - Blender's way t
             return {"PASS_THROUGH"}
         status = self._run.poll()
         context.window_manager.progress_update(round(100 * self._run.share))
-        words = f"asglight: {self._run.share:.0%}, {self._run.line}   (Esc cancels)"
+        words = f"asglight: {self._run.share:.0%}, {self._run.line or 'starting'}   (Esc cancels)"
         context.workspace.status_text_set(words)
         if status is None:
             return {"RUNNING_MODAL"}

@@ -70,7 +70,11 @@ class ASGLIGHT_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blen
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for a file, or for options alone where a file was dropped."""
         if self.filepath and Path(self.filepath).suffix in SUFFIXES:
-            return self.invoke_popup(context)
+            # ImportHelper.invoke_popup is for operators of several files
+            name = Path(self.filepath).name
+            return context.window_manager.invoke_props_dialog(
+                self, title=name, confirm_text="Import"
+            )
         return super().invoke(context, event)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

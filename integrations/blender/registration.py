@@ -6,6 +6,12 @@ Blender takes it out again as it ends, which matters: 4.5 does not end while a h
 
 import bpy
 
+if not bpy.app.usd.supported:  # as Debian's
+    raise ImportError(
+        "asglight: this Blender was built without USD; expected a build with it, such as that of "
+        "blender.org"
+    )
+
 bpy.utils.expose_bundled_modules()  # before `pxr` is imported anywhere
 
 from . import fitting, hook, importing, panel, preferences, saving  # noqa: E402

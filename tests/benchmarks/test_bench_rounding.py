@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What rounding, the ridge and unneeded parts do: `rounding`, `ridge`, `lean_path` of benchmarks/.
+"""Rounding, the ridge and what a clean scene does not need: three scripts of benchmarks/.
 
 The bounds of float32 against float64 hold on the built-in environment;
 docs/results/parts-of-a-fit.md has the figures of real maps.
@@ -22,7 +22,7 @@ from asglight.lobes import Form, texels
 rounding = module("steps.rounding")
 worker = module("steps.rounding_worker")
 ridge = module("steps.ridge")
-lean_path = module("shots.lean_path")
+clean_scene = module("shots.clean_scene")
 
 
 def exponent_rounding(rows: int) -> float:
@@ -156,30 +156,30 @@ def test_the_ridge_leaves_lobes_apart_as_they_are() -> None:
 def test_every_part_of_a_fit_is_found_and_counted(tmp_path: Path) -> None:
     path = tmp_path / "sky.exr"
     write_exr(path, sky_and_sun(30.0, 16))
-    for places in lean_path.PARTS.values():
+    for places in clean_scene.PARTS.values():
         for place in places:
-            owner, name = lean_path.owner_of(place)
+            owner, name = clean_scene.owner_of(place)
             assert callable(getattr(owner, name))
-    before = lean_path.owner_of("asglight.shots.tracks.simplified")
+    before = clean_scene.owner_of("asglight.shots.tracks.simplified")
     own = getattr(*before)
-    found = lean_path.taken([str(path), "--lobes", "2", "--preset", "live"])
+    found = clean_scene.taken([str(path), "--lobes", "2", "--preset", "live"])
     assert getattr(*before) is own
     assert found["fit of the frames"][0] == 1
-    assert 0 < found["fit of the frames"][1] < found[lean_path.WHOLE][1]
-    assert found[lean_path.OTHER][1] > 0
+    assert 0 < found["fit of the frames"][1] < found[clean_scene.WHOLE][1]
+    assert found[clean_scene.OTHER][1] > 0
     with pytest.raises(LookupError):
-        lean_path.owner_of("nowhere.at_all")
+        clean_scene.owner_of("nowhere.at_all")
     with pytest.raises(RuntimeError, match="ended with 2"):
-        lean_path.taken([str(tmp_path / "none.exr")])
+        clean_scene.taken([str(tmp_path / "none.exr")])
 
 
 def test_the_table_of_parts_has_medians_and_shares() -> None:
-    parts = dict.fromkeys(lean_path.PARTS, (0, 0.0)) | {lean_path.OTHER: (1, 0.0)}
+    parts = dict.fromkeys(clean_scene.PARTS, (0, 0.0)) | {clean_scene.OTHER: (1, 0.0)}
     runs = [
-        parts | {lean_path.WHOLE: (1, whole), "repairs": (3, part)}
+        parts | {clean_scene.WHOLE: (1, whole), "repairs": (3, part)}
         for whole, part in ((2.0, 0.1), (4.0, 0.5), (2.5, 0.2))
     ]
-    lines = lean_path.table({"sky, fast": lean_path.middle(runs)}).splitlines()
+    lines = clean_scene.table({"sky, fast": clean_scene.middle(runs)}).splitlines()
     assert lines[0] == "| part | sky, fast |"
     assert "| repairs | 200.0 ms, 8.00 %, 3x |" in lines
     assert "| preroll | – |" in lines

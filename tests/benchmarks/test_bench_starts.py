@@ -9,7 +9,7 @@ import torch
 from bench_scripts import module
 from lobe_cases import sky_and_sun
 
-from asglight.fitting.first_frame.fit import FAST, Effort
+from asglight.fitting.first_frame.fit import FAST, FirstFrameSettings
 from asglight.images import write_exr
 from asglight.judging.metrics import frame_errors
 
@@ -51,7 +51,7 @@ def test_maps_are_turned_by_texels_alone(
 ) -> None:
     given: list[torch.Tensor] = []
 
-    def noted(reference: torch.Tensor, effort: Effort) -> dict[str, float]:
+    def noted(reference: torch.Tensor, effort: FirstFrameSettings) -> dict[str, float]:
         given.append(reference)
         return dict.fromkeys(("J", "seconds", *starts.METRICS), 1.0)
 

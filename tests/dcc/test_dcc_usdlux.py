@@ -149,7 +149,7 @@ def test_a_layer_shows_one_frame_at_time_0(
         # of the flux only the irradiance is promised: E = pi sin^2 t L, flux = 2 pi (1 - cos t) L
         half = torch.deg2rad(distant.angle_deg(lobes) / 2)
         per_irradiance = 2 * (1 - half.cos()) / half.sin() ** 2
-        expected = (distant.facing_irradiance(lobes) * per_irradiance[:, None]).sum(0)
+        expected = (asg.facing_irradiance(lobes) * per_irradiance[:, None]).sum(0)
     else:
         expected = asg.flux(lobes).sum(0)
     # half floats of the dome, float32 of the lights

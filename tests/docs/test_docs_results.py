@@ -93,12 +93,12 @@ def test_a_part_is_run_and_its_table_replaced(tmp_path: Path) -> None:
     readme.write_text(f"head\n\n<!-- made by: {shown} [fake.1] -->\n{TABLE}\n<!-- end -->\ntail\n")
     assert run(tmp_path, "fake") == 0
     (made,) = blocks(readme.read_text())
-    assert made.content.startswith("| map | error |\n|---|--:|\n| lobby | 0.5 |\n\n*Made by `")
+    assert made.content.startswith("| map | error |\n|---|--:|\n| lobby | 0.5 |\n\n<!-- Made by `")
     assert "cores, at commit" in made.content
     assert readme.read_text().startswith("head\n\n<!--")
     assert readme.read_text().endswith("<!-- end -->\ntail\n")
     assert run(tmp_path) == 0  # a second time the line below is replaced, not repeated
-    assert readme.read_text().count("*Made by") == 1
+    assert readme.read_text().count("Made by `") == 1
 
 
 def test_pages_and_pictures_are_taken_from_the_output(tmp_path: Path) -> None:
@@ -118,9 +118,22 @@ def test_pages_and_pictures_are_taken_from_the_output(tmp_path: Path) -> None:
     )
     assert run(tmp_path) == 0
     page, picture = blocks(readme.read_text())
-    assert page.content.startswith("made\n\n*Made by")
-    assert picture.content.startswith("![A ball](docs/b.png)\n\n*Made by")
+    assert page.content.startswith("made\n\n<!-- Made by")
+    assert picture.content.startswith("![A ball](docs/b.png)\n\n<!-- Made by")
     assert (tmp_path / "docs" / "b.png").read_text() == "drawn"
+
+
+def test_results_show_their_command_machine_and_commit(tmp_path: Path) -> None:
+    toml = f"[fake]\ncommands = ['''{PRINTS}''']\n"
+    _, file = repository(tmp_path, "", toml)
+    shown = read_parts(file)["fake"].shown()
+    page = tmp_path / "docs" / "results" / "a.md"
+    page.write_text(f"<!-- made by: {shown} [fake.1] -->\n<!-- end -->\n")
+    assert run(tmp_path) == 0
+    (made,) = blocks(page.read_text())
+    note = made.content.split("\n")[-1]
+    assert note.startswith(f"*Made by `{shown}`, on ")
+    assert note.endswith(".*")
 
 
 def test_pictures_of_one_part_keep_each_its_own_link(tmp_path: Path) -> None:

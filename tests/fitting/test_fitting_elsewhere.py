@@ -18,9 +18,11 @@ from asglight.fitting.stills import fit_stills, fits
 from asglight.lobes import Form
 from asglight.lobes.data import stack
 
-SHORT = first_frame.Effort((None, 4.0), (Level(2, Corners(), rounds=1),), (0.5,) * 5, 1, again=1)
+SHORT = first_frame.FirstFrameSettings(
+    (None, 4.0), (Level(2, Corners(), rounds=1),), (0.5,) * 5, 1, again=1
+)
 
-MIDDLING = first_frame.Effort((4.0,), (Level(2, Corners(), rounds=1),), (9.0,) * 5, 1)
+MIDDLING = first_frame.FirstFrameSettings((4.0,), (Level(2, Corners(), rounds=1),), (9.0,) * 5, 1)
 """Nothing lags behind."""
 
 pytestmark = pytest.mark.usefixtures("torch_steps")
@@ -71,7 +73,7 @@ def test_the_pass_over_a_shot_stays_on_the_device() -> None:
 
 
 def test_stills_stay_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fits, "EFFORT", MIDDLING)
+    monkeypatch.setattr(fits, "SETTINGS", MIDDLING)
     maps = [sky_and_sun(degrees, 16) for degrees in (0.0, 50.0)]
     with watched():
         found = fit_stills(maps, 3, device=str(DEVICE))

@@ -8,16 +8,16 @@ import torch
 from lobe_cases import alike, noise, sky_and_sun, target
 from torch import Tensor
 
-from asglight.fitting.first_frame import balance, regroup, seeding
+from asglight.fitting.first_frame import reweighting, seeding, split_merge
 from asglight.fitting.first_frame.fit import exposed
 from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import fit_frame
 from asglight.fitting.steps import newton
 from asglight.fitting.stills import fit_stills
-from asglight.fitting.stills.balancing import balanced_each
-from asglight.fitting.stills.frames import picked, put, weighed
-from asglight.fitting.stills.splitting import regroup_each
+from asglight.fitting.stills.frames import picked, put, with_weights
+from asglight.fitting.stills.reweighting import balanced_each
+from asglight.fitting.stills.splitting import split_and_merge_each
 from asglight.fitting.stills.starting import seeds_of_each
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form
@@ -93,12 +93,12 @@ def test_splits_of_each_map_are_tried() -> None:
     maps = torch.cat([exposed(each).radiance for each in _maps()])
     frames = objective.target(maps)
     begun = newton.minimise(alike(Form.ASG, 4, (1, 2, 3)), frames, 6)
-    together = regroup_each(begun, frames, frames, 2, 0.0)
+    together = split_and_merge_each(begun, frames, frames, 2, 0.0)
     assert (together.value < begun.value).all()
     for index in range(3):
         which = torch.tensor([index])
         one = picked(frames, which)
-        alone = regroup.regroup(begun[which], one, one, 2, 0.0)
+        alone = split_merge.split_and_merge(begun[which], one, one, 2, 0.0)
         assert float(together.value[index]) == pytest.approx(float(alone.value), rel=0.05)
 
 
@@ -106,25 +106,27 @@ def test_a_map_without_splits_left_waits_and_one_lobe_has_none() -> None:
     frames = target(noise(16, 2), 16)
     two = newton.minimise(alike(Form.SG, 2, (1, 2)), frames, 4)
     # two lobes have two splits: the second round has none to try
-    assert (regroup_each(two, frames, frames, 3, 0.0).value <= two.value).all()
+    assert (split_and_merge_each(two, frames, frames, 3, 0.0).value <= two.value).all()
     one = newton.minimise(alike(Form.SG, 1, (1, 2)), frames, 4)
-    assert regroup_each(one, frames, frames, 3, 0.0) is one
+    assert split_and_merge_each(one, frames, frames, 3, 0.0) is one
 
 
 def test_what_lags_behind_is_brought_forward_map_by_map() -> None:
     maps = torch.cat([exposed(each).radiance for each in _maps()])
     frames = objective.target(maps)
     found = newton.minimise(alike(Form.ASG, 4, (1, 2, 3)), frames, 6)
-    aims = balance.lags_of_each(found, frames, torch.ones(5)) * torch.tensor(
+    aims = reweighting.lags_of_each(found, frames, torch.ones(5)) * torch.tensor(
         [[2.0, 2.0, 2.0, 0.9, 2.0], [2.0, 2.0, 2.0, 2.0, 2.0], [0.9, 2.0, 2.0, 2.0, 2.0]]
     )
     better = balanced_each(found, frames, aims, 0.0)
     for index in range(3):
         which = torch.tensor([index])
-        alone = balance.balanced(found[which], picked(frames, which), aims[index], 0.0)
+        alone = reweighting.reweighted(found[which], picked(frames, which), aims[index], 0.0)
         assert float(better.value[index]) == pytest.approx(float(alone.value), rel=0.02)
     assert torch.equal(better.lobes.axes[1], found.lobes.axes[1])  # where nothing lags
-    before, after = (balance.lags_of_each(each, frames, aims).amax(-1) for each in (found, better))
+    before, after = (
+        reweighting.lags_of_each(each, frames, aims).amax(-1) for each in (found, better)
+    )
     assert (after <= before).all()
     assert after[0] < before[0]
 
@@ -132,11 +134,11 @@ def test_what_lags_behind_is_brought_forward_map_by_map() -> None:
 def test_weights_of_each_map_are_those_of_one_by_one() -> None:
     frames = target(noise(32, 2), 32)
     factors = torch.tensor([[2.0, 3.0, 1.0, 4.0, 1.0], [1.0, 1.0, 5.0, 1.0, 2.0]])
-    together = weighed(frames, factors)
+    together = with_weights(frames, factors)
     shown = lobe_images.images(alike(Form.ASG, 3, (0, 1)), frames.places).radiance
     for index in range(2):
         which = torch.tensor([index])
-        alone = balance.weighed(picked(frames, which), factors[index])
+        alone = reweighting.with_weights(picked(frames, which), factors[index])
         expected = objective.value(shown[which], alone) / factors[index, 0]
         found = objective.value(shown, together)[which]
         torch.testing.assert_close(found, expected, rtol=1e-5, atol=0)

@@ -53,6 +53,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 def test_the_zip_installs_and_handles_dropped_stages(session: dict[str, Any]) -> None:
     assert session["enabled"]
     assert session["handler"] == "ASGLIGHT_FH_stage"
+    assert session["dropped"] == ["shot.usda", "Import"]
 
 
 def test_lights_are_named_after_their_lobe_and_stand_where_asked(session: dict[str, Any]) -> None:

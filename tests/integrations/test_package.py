@@ -2,6 +2,7 @@
 """The zip of the Blender extension: what Blender asks of it, and what it must not do."""
 
 import ast
+import subprocess
 import tomllib
 import zipfile
 from pathlib import Path
@@ -34,8 +35,10 @@ def test_the_zip_holds_the_extension_and_its_licence(
     assert "network" not in manifest["permissions"]
     assert all(not words.endswith(".") for words in manifest["permissions"].values())
     assert manifest["version"] == asglight.__version__
-    makefile = (package.FOLDER.parents[1] / "Makefile").read_text()
-    assert f"EXTENSION = dist/{path.name}\n" in makefile
+    line = ["make", "--no-print-directory", "-C", package.FOLDER.parents[1], "-f", "-", "told"]
+    told = "include Makefile\ntold: ; @echo $(EXTENSION)\n"
+    named = subprocess.run(line, input=told, capture_output=True, text=True, check=True)
+    assert named.stdout.strip() == f"dist/{path.name}"
     assert "def register()" in init
     assert "def unregister()" in init
 

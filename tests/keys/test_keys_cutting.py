@@ -7,7 +7,7 @@ import torch
 from key_cases import Rectangle, sky, with_lamps
 
 from asglight.keys import cutting
-from asglight.keys.cut import Wanted, enlarged, frame_cut, light_of, parts
+from asglight.keys.cut import FrameCut, Wanted, enlarged, frame_cut, light_of, parts
 from asglight.keys.report import rim_gradients
 from asglight.keys.sighting import sightings
 from asglight.keys.spots import Grid
@@ -31,28 +31,75 @@ def flux(radiance: torch.Tensor) -> torch.Tensor:
     return (radiance.double() * solid[..., None]).sum((0, 1))
 
 
-def test_a_hole_is_filled_with_the_harmonic_function_of_its_rim() -> None:
+def test_a_hole_is_filled_with_the_harmonic_function_of_its_rim_in_stops() -> None:
     # ln tan(theta / 2) and its like about another axis solve Laplace's equation on the sphere
     grid = Grid.of(128, 256)
     axis = np.array([0.6, 0.48, 0.64])
     cosine = grid.directions @ axis
-    harmonic = np.log((1 - cosine) / (1 + cosine)) / 2 + 10
+    radiance = np.exp(np.log((1 - cosine) / (1 + cosine)) / 2)
     for place in ([1.0, 0.1, -0.3], [-0.2, 1.0, 0.1], [0.1, -0.3, -1.0]):
         direction = np.array(place) / np.linalg.norm(place)
         holes = grid.directions @ direction > np.cos(np.radians(12))
         filled = cutting.filled(
-            np.repeat(harmonic[..., None], 3, 2) * ~holes[..., None], holes, grid
+            np.repeat(radiance[..., None], 3, 2) * ~holes[..., None], holes, grid
         )
-        # the mesh is of texels of 1.4 degrees
-        np.testing.assert_allclose(filled[holes][:, 0], harmonic[holes], atol=2e-3)
-        np.testing.assert_array_equal(filled[~holes][:, 0], harmonic[~holes])
+        # the mesh is of texels of 1.4 degrees; `DARK` bends the logarithm of dark places a little
+        np.testing.assert_allclose(filled[holes][:, 0], radiance[holes], rtol=0.01)
+        np.testing.assert_array_equal(filled[~holes][:, 0], radiance[~holes])
+
+
+def test_a_glow_goes_on_into_its_hole_and_leaves_no_ring() -> None:
+    grid = Grid.of(128, 256)
+    angle = np.arccos(np.clip(grid.directions @ [0.0, 0.6, 0.8], -1, 1))
+    glow = np.repeat((0.02 + np.exp(-angle / np.radians(6)))[..., None], 3, 2)
+    holes = angle < np.radians(10)
+    filled = cutting.filled(glow * ~holes[..., None], holes, grid)[..., 0]
+    middle, edge = filled[angle < np.radians(4)], filled[holes & (angle > np.radians(8.5))]
+    # brighter all the way in, though not as bright as the glow would be where the lamp is
+    assert middle.min() > 1.1 * edge.mean()
+    assert (filled[holes] <= glow[holes][:, 0] * 1.05).all()
+
+
+def test_what_rises_away_from_a_hole_makes_no_dark_hole() -> None:
+    grid = Grid.of(128, 256)
+    angle = np.arccos(np.clip(grid.directions @ [0.0, 0.6, 0.8], -1, 1))
+    valley = np.repeat((0.02 + angle**2)[..., None], 3, 2)
+    holes = angle < np.radians(10)
+    filled = cutting.filled(valley * ~holes[..., None], holes, grid)[..., 0]
+    assert filled[holes].min() > 0.99 * valley[~holes].min()
+
+
+def test_lamps_have_their_own_texels_and_what_lies_between_by_their_light() -> None:
+    grid = Grid.of(64, 128)
+    near, far = np.zeros((2, 64, 128), dtype=bool)
+    near[30:32, 40:42] = far[30:32, 44:46] = True
+    luminance = np.where(near, 100.0, np.where(far, 50.0, 1.0))
+    mattes = [cutting.matte(mask, luminance, grid) for mask in (near, far)]
+    first, second = cutting.shares([near, far], mattes, luminance, grid)
+    assert first[near].min() > 1 - 1e-6
+    assert second[far].min() > 1 - 1e-6
+    assert first[far].max() < 1e-6
+    assert second[near].max() < 1e-6
+    # 1 and 2 texels away, then 2 and 1, and twice as bright
+    np.testing.assert_allclose(first[30, 42:44], [8 / 9, 1 / 3], rtol=1e-3)
+    assert (first + second).max() < 1 + 1e-9
+
+
+def test_a_lamp_that_stays_keeps_nothing_of_a_key_beside_it() -> None:
+    radiance = with_lamps(ROWS, Rectangle(0, 0, 0, 12, 8), Rectangle(17, 0, 0, 10, 8))
+    key, other = masks(radiance)
+    cut = frame_cut(radiance, [Wanted(key, 1.0)], [other])
+    rest = parts(cut, radiance).rest
+    assert float(rest[torch.from_numpy(key)].max()) < 1  # the lamp has 50
+    inner = torch.from_numpy(other & ~Grid.of(ROWS, 2 * ROWS).near(~other, 0.03))
+    torch.testing.assert_close(rest[inner], radiance[inner], rtol=1e-5, atol=0)
 
 
 def test_a_matte_is_whole_on_its_lamp_and_smooth_beyond() -> None:
     grid = Grid.of(64, 128)
     mask = np.zeros((64, 128), dtype=bool)
     mask[0:2, 5] = mask[20:26, 125:] = mask[20:26, :3] = True
-    matte = cutting.matte(mask, grid)
+    matte = cutting.matte(mask, np.where(mask, 50.0, 1.0), grid)
     assert (matte[mask] == 1).all()
     assert matte.min() == 0
     assert ((matte > 0) & (matte < 1)).any()
@@ -158,3 +205,28 @@ def test_a_lamp_beside_a_hole_does_not_light_it() -> None:
     assert filled[holes].max() <= cutting.RIM_MOST
     np.testing.assert_allclose(filled[30:34, 60], 1, rtol=0.2)
     np.testing.assert_array_equal(filled[~holes], radiance[~holes])
+
+
+def test_a_small_light_on_the_rim_of_a_matte_stays_whole() -> None:
+    radiance = with_lamps(ROWS, LAMPS[0])
+    [mask] = masks(radiance)
+    matte = cutting.matte(mask, radiance.double().mean(-1).numpy(), Grid.of(ROWS, 2 * ROWS))
+    rim = np.argwhere((matte > 0.3) & (matte < 0.7))
+    inner = np.argwhere((matte == 1) & ~Grid.of(ROWS, 2 * ROWS).near(mask, 0.04))
+    spots = [tuple(rim[0]), tuple(inner[-1])]
+    for spot in spots:
+        radiance[spot] = 5.0
+    found = parts(frame_cut(radiance, [Wanted(mask, 1.0)], []), radiance)
+    assert torch.equal(found.rest[spots[0]], radiance[spots[0]])
+    assert float(found.rest[spots[1]].max()) < 1
+
+
+def test_a_rim_without_a_seam_is_told_from_one_with_a_seam() -> None:
+    radiance = with_lamps(ROWS, LAMPS[0])
+    cut = frame_cut(radiance, [Wanted(mask, 1.0) for mask in masks(radiance)], [])
+    [key] = cut.keys
+    assert key is not None
+    assert rim_gradients(radiance, parts(cut, radiance).rest, cut)[0] < 1.2
+    bad = torch.where(torch.from_numpy(cut.holes)[..., None], 1.3 * cut.background, radiance)
+    seam = FrameCut(bad, cut.keys, cut.holes)
+    assert rim_gradients(radiance, parts(seam, radiance).rest, seam)[0] > 3

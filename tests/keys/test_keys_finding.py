@@ -6,7 +6,8 @@ import torch
 from key_cases import Rectangle, sky, with_lamps
 
 from asglight.keys.finding import lamps
-from asglight.keys.sighting import sightings
+from asglight.keys.following import FIGURE_MIN
+from asglight.keys.sighting import enclosed, sightings
 from asglight.keys.spots import Grid
 from asglight.sphere import latlong
 
@@ -68,8 +69,17 @@ def test_leaves_before_a_sky_have_no_outline() -> None:
     radiance = 0.05 * sky(ROWS)
     leaves = torch.nn.functional.interpolate(torch.rand(1, 1, 32, 64), (ROWS, 2 * ROWS))[0, 0]
     radiance[inside & (leaves > 0.4)] = 2.0
-    assert sightings(radiance)[0].figure < 0.72
+    assert sightings(radiance)[0].figure < FIGURE_MIN
     whole = 0.05 * sky(ROWS)
     whole[inside] = 2.0
     [lamp] = sightings(whole)
     assert lamp.figure > 0.9
+
+
+def test_dark_rings_that_filters_leave_in_a_lamp_are_of_its_outline() -> None:
+    grid = Grid.of(ROWS, 2 * ROWS)
+    angle = np.degrees(np.arccos(np.clip(grid.directions @ [0.0, 0.6, 0.8], -1, 1)))
+    spot = (angle < 14) & ~((angle > 8) & (angle < 10))
+    ring = enclosed(spot, grid)
+    np.testing.assert_array_equal(ring, (angle < 14) & ~spot)
+    assert not enclosed(angle < 14, grid).any()

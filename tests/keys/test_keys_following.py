@@ -23,6 +23,16 @@ def test_two_lamps_that_pass_each_other_stay_two() -> None:
         assert ends[1] - ends[0] == pytest.approx(10 * step)
 
 
+def test_a_lamp_that_goes_does_not_take_over_its_neighbour() -> None:
+    # a spot beside a tube goes, and a small lamp appears on the tube's other side
+    tube, spot, small = lamp(0, 0.03), lamp(7, 0.01), lamp(-8, 0.004)
+    frames = [[tube, spot]] * 5 + [[tube]] * 2 + [[tube, small]] * 5
+    tracks = linked(frames)
+    [whole] = [track for track in tracks if track.seen[track.first] is tube]
+    assert all(one is tube for one in whole.seen.values())
+    assert len(whole.seen) == 12
+
+
 def test_a_lamp_behind_a_pillar_is_the_same_key_and_is_looked_for_where_it_should_be() -> None:
     frames = [[lamp(2 * k)] if not 5 <= k < 5 + GAP - 2 else [] for k in range(20)]
     [track] = linked(frames)

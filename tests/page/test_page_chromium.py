@@ -24,6 +24,7 @@ from asglight.shading.balls import coverage
 from asglight.viewer.gl import passes
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.gl.display_pass import DisplayPass
 from asglight.viewer.gl.layers import MAP_ROWS
 from asglight.viewer.state.display import Comparison, Display
 from asglight.viewer.uniforms.map_lobes import widened
@@ -97,9 +98,7 @@ def displayed(
 ) -> np.ndarray:
     shown = passes.display_target(opengl, size or radiance.size)
     picture = passes.Picture(passes.target_texture(radiance))
-    passes.DisplayPass(opengl).draw(
-        picture, None, Display(exposure_ev=stops), Comparison.FIT, shown
-    )
+    DisplayPass(opengl).draw(picture, None, Display(exposure_ev=stops), Comparison.FIT, shown)
     width, height = shown.size
     pixels = np.frombuffer(shown.read(components=3, alignment=1), np.uint8)
     return pixels.reshape(height, width, 3).astype(int)
@@ -291,7 +290,7 @@ def test_the_reference_is_shown_with_its_errors(
         return 255 * np.where(linear <= 0.0031308, low, high)
 
     found = canvas(page, "truth")
-    # a matt ball under an even map shows the map
+    # a matte ball under an even map shows the map
     wanted = [np.array([1.0, 0.5, 0.25]) * grey for grey in GREYS] + [np.full(3, 0.3)]
     for (x, y, size), colour in zip(cells_of(found.shape[1], 6, 6), wanted, strict=True):
         middle = found[y + size // 3 : y + 2 * size // 3, x + size // 3 : x + 2 * size // 3]

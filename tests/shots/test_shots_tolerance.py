@@ -9,8 +9,8 @@ import torch
 from lobe_cases import lamps
 
 from asglight.errors import InputError
-from asglight.fitting.lean import Lean
 from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.simplification import Simplified
 from asglight.images import open_sequence, write_exr
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Lobes, texels
@@ -209,10 +209,12 @@ def test_another_tolerance_is_refused_on_resume(tmp_path: Path) -> None:
 
 
 def test_simplifying_takes_no_frame_beyond_the_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
-    def dimmed(found: Lobes, budget: torch.Tensor, *_: object) -> Lean:
+    def dimmed(found: Lobes, budget: torch.Tensor, *_: object) -> Simplified:
         """Change each frame by its budget, for the worse."""
         amplitude = found.amplitude * (1 - budget.float())[:, None, None]
-        return Lean(replace(found, amplitude=amplitude), torch.ones(found.count, dtype=torch.bool))
+        return Simplified(
+            replace(found, amplitude=amplitude), torch.ones(found.count, dtype=torch.bool)
+        )
 
     monkeypatch.setattr(leaving_out, "leave_out", dimmed)
     scene, accuracy = lamps(*THREE), Accuracy(0.02)

@@ -10,6 +10,7 @@ import os
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp()  # before Blender starts
 
@@ -27,12 +28,30 @@ def main() -> None:
     )
     found["enabled"] = ADDON in bpy.context.preferences.addons
     found["handler"] = bpy.types.FileHandler.bl_rna_get_subclass_py("ASGLIGHT_FH_stage").__name__
+    found["dropped"] = dropping()
     found |= importing()
     found |= warnings()
     found |= saving()
     found |= fitting()
     (Path(FOLDER) / "session.json").write_text(json.dumps(found))
     bpy.ops.preferences.addon_disable(module=ADDON)
+
+
+def dropping() -> list[str]:
+    """Return what is asked for a stage that is dropped on a window, of which there is none here."""
+    from bl_ext.user_default.asglight.importing import ASGLIGHT_OT_import
+
+    asked: list[str] = []
+
+    def dialog(operator: object, *, title: str, confirm_text: str) -> set[str]:
+        asked.extend((title, confirm_text))
+        return {"RUNNING_MODAL"}
+
+    manager = SimpleNamespace(invoke_props_dialog=dialog)
+    dropped = SimpleNamespace(filepath=STAGE)
+    context = SimpleNamespace(window_manager=manager)
+    assert ASGLIGHT_OT_import.invoke(dropped, context, None) == {"RUNNING_MODAL"}
+    return asked
 
 
 def importing() -> dict[str, object]:

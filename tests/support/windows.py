@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+import OpenImageIO
 from imgui_bundle import immapp
 from imgui_bundle.immapp import testing
 
@@ -18,6 +19,7 @@ from asglight.viewer.reference.images import Reference
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Request
 
 SIZE = (1200, 800)
 
@@ -70,6 +72,27 @@ def wait_for(
             return
         test.yield_()
     raise AssertionError(driven.state.message)
+
+
+def rendered(test: Any, driven: Driven, path: Path) -> np.ndarray:
+    """Return the balls of the shown frame as radiance, through a file of the window's own.
+
+    A script runs in a thread without OpenGL, so it cannot read the picture itself.
+
+    Args:
+        test: The test engine.
+        driven: The window.
+        path: An EXR file to be written.
+    """
+    playback = driven.state.playback
+    playback.mark_in()
+    playback.mark_out()
+    driven.window.save(Request.RENDER, path)
+    wait_for(test, driven, "Rendered 1 picture", lambda: path.exists())
+    driven.state.message = ""
+    playback.clear_marks()
+    image = OpenImageIO.ImageBuf(str(path))
+    return np.asarray(image.get_pixels(OpenImageIO.FLOAT))[..., :3]
 
 
 class Drive(Protocol):

@@ -15,6 +15,7 @@ import windows
 from asglight import shader_files
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.sphere import latlong
+from asglight.usd import write_usd
 from asglight.viewer.gl import glsl, passes
 
 
@@ -57,3 +58,10 @@ def two_lamps() -> LobeTracks:
         form=Form.ASG,
     )
     return LobeTracks((1001, 1002, 1004), 24.0, lobes)
+
+
+@pytest.fixture
+def stage_of_two_lamps(two_lamps: LobeTracks, tmp_path: Path) -> Path:
+    """Write the two lamps as a stage."""
+    write_usd(two_lamps, tmp_path / "shot.usda", dome_height=2)
+    return tmp_path / "shot.usda"

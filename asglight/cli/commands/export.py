@@ -22,11 +22,13 @@ if TYPE_CHECKING:
 EXAMPLE = (
     "asglight export shot.usda --to glsl --frame 1001 -o environment.glsl\n"
     "         asglight export shot.usda --to physg --frame 1001 -o lights.npy\n"
+    "         asglight export shot.usda --to gltf -o lights.glb\n"
     "         asglight export shot.usda --to html --reference sky.####.exr -o shot.html\n"
     "         asglight export shot.usda --to dome"
 )
 
 HTML = "html"
+GLTF = "gltf"
 
 _OTHER_FILES = (".usd", ".usda", ".usdc", ".usdz", ".exr", ".hdr", ".f32")
 """Suffixes of what is surely meant to be kept: stages, images, blocks of frames."""
@@ -39,12 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     formats = (
         "json: lobe tracks as data, keys and rest too; "
         "glsl: functions that shade with the lobes, or with keys if the stage shows these, as an "
-        "include; "
+        "include; gltf: directional lights that move, as a .glb file; "
         "html: a page that needs nothing else, with balls, map and timeline; "
         "physg, nerd: the .npy array of spherical Gaussians that the program reads, [N, 7] of one "
         "frame, [F, N, 7] of several; cards, distant, dome: the stage with this representation too"
     )
-    kinds = ("json", "glsl", HTML, *map(str, SgLayout), *map(str, OF_LOBES))
+    kinds = ("json", "glsl", GLTF, HTML, *map(str, SgLayout), *map(str, OF_LOBES))
     add("--to", required=True, choices=kinds, help=formats)
     target = "file to write; of a representation a stage (default: STAGE itself)"
     add("-o", "--output", type=Path, metavar="FILE", help=target)
@@ -71,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check_reference(arguments)
     from asglight.cli.progress import reporter
     from asglight.cli.sources.keyed_light import keyed_light
-    from asglight.export import write_glsl, write_json, write_sg_array
+    from asglight.export import write_glsl, write_gltf, write_json, write_sg_array
     from asglight.usd import read_stage
     from asglight.usd.stage import representations_of
 
@@ -95,6 +97,8 @@ def run(arguments: argparse.Namespace) -> int:
         said = f"{counted(key_count, 'key')} and a rest"
     elif arguments.to == "glsl":
         files = write_glsl(output, tracks)
+    elif arguments.to == GLTF:
+        write_gltf(output, tracks, tracks.names)
     elif arguments.to == HTML:
         _write_page(arguments, tracks)
     else:
@@ -109,6 +113,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if written is not tracks.lobes:
         _print_loss(tracks.lobes, written)
+    if arguments.to == SgLayout.NERD:
+        _print_misfit(written)
     warn_of_unread(arguments.stage, reading)
     return 0
 
@@ -200,6 +206,17 @@ def _print_loss(lobes: Lobes, written: Lobes) -> None:
         )
 
 
+def _print_misfit(written: Lobes) -> None:
+    """Say on one line that NeRD's training does not take so many lobes, if so.  [F, N', .]."""
+    from asglight.export.sg_array import NERD_LOBES
+
+    if written.count != NERD_LOBES:
+        print(
+            f"NeRD's training takes arrays of {NERD_LOBES} lobes, not of {written.count}; for it, "
+            f"fit with --form sg --lobes {NERD_LOBES}"
+        )
+
+
 def _of_frames(tracks: LobeTracks, frames: tuple[int, ...]) -> LobeTracks:
     places = [tracks.frames.index(frame) for frame in frames]
     return replace(tracks, frames=frames, lobes=tracks.lobes[places])
@@ -209,6 +226,8 @@ def _check_output(output: Path, to: str) -> None:
     """Refuse a target that cannot be meant."""
     if to in list(SgLayout) and output.suffix != ".npy":
         raise InputError(f"{output}: expected a name that ends in .npy, such as lights.npy.")
+    if to == GLTF and output.suffix.lower() != ".glb":
+        raise InputError(f"{output}: expected a name that ends in .glb, such as lights.glb.")
     if output.suffix.lower() in _OTHER_FILES:
         raise InputError(
             f"{output}: has the suffix of another kind of file; expected a name such as shot.json "

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from asglight.judging.stress.run import Result, Tools
 
 EXAMPLE = """asglight stress -o stress-output
-some of it: asglight stress --only time radiance/one-texel"""
+some of it: asglight stress --only time radiance/one-texel
+a tenth:    asglight stress --sample 0.1"""
 
 EXPLANATION = """\
 Fits a hundred inputs that are hard on numbers and prints the measured errors of each: stiff lobes,
@@ -34,7 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     only = (
         "groups or cases: stiff, radiance, shape, time, broken, recovery, time/cut (default: all)"
     )
-    parser.add_argument("--only", nargs="+", default=(), metavar="NAME", help=only)
+    chosen = parser.add_mutually_exclusive_group()
+    chosen.add_argument("--only", nargs="+", default=(), metavar="NAME", help=only)
+    sample = "the group time, and this share of the other cases, drawn by chance"
+    chosen.add_argument("--sample", type=float, metavar="SHARE", help=sample)
     folder = "folder for the table as Markdown, and every number: stress.md, stress.json"
     parser.add_argument("-o", "--output", metavar="DIR", help=folder)
     add_json_option(parser)
@@ -47,16 +51,17 @@ def run(arguments: argparse.Namespace) -> int:
     from asglight.judging.stress import run as stress
     from asglight.judging.stress.run import Verdict
 
-    cases = stress_cases.chosen(arguments.only)
+    only = arguments.only
+    if arguments.sample is not None:
+        only = stress_cases.sampled(arguments.sample)
+    cases = stress_cases.chosen(only)
     folder = None if arguments.output is None else made_folder(Path(arguments.output))
     tools = tools_at_hand()
     with reporter() as report:
         results = [
             stress.run_case(case, tools) for case in report.follow(cases, "stress", len(cases))
         ]
-    command = " ".join(
-        ["asglight stress", *(["--only", *arguments.only] if arguments.only else [])]
-    )
+    command = " ".join(["asglight stress", *(["--only", *only] if only else [])])
     document = stress.as_document(results, tools, command)
     if folder is not None:
         write_text(folder / "stress.md", stress_page.page(results, tools, command))

@@ -38,6 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     nothing = "(default: the built-in environment, fitted as it plays)"
     add("input", nargs="?", metavar="INPUT", help=f"{stage} {images} {nothing}")
     add("--reference", metavar="IMAGES", help="images to compare a stage with")
+    against = "another fit of the shot, B, to hold against INPUT, A: a stage or its folder"
+    add("--against", metavar="STAGE", help=against)
     add("--live", action="store_true", help="fit the images while they are shown")
     add("--lobes", type=int, metavar="N", help="number of lobes of a live fit (default: 15)")
     add_input_options(parser)
@@ -52,6 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     size = "window (default: as it was last; of a picture 1600x1000)"
     add("--size", type=_size, metavar="WxH", help=size)
     add("--exposure-ev", type=_exposure, metavar="EV", help="stops (default: metered)")
+    views = "sRGB, filmic, 'false colour', or a view of OpenColorIO: CONFIG[/SCREEN[/RENDERING]]"
+    add("--view", metavar="VIEW", help=f"{views} with CONFIG 'ACES 2.0', 'ACES 1.3' or '$OCIO'")
+    add("--ground", action="store_true", help="show a ball and a post on the ground")
     add_rig_option(parser)
     add_follow_option(parser)
     add("--check", action="store_true", help="compile every shader and say what OpenGL there is")
@@ -70,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     request = Request(
         input=arguments.input,
         reference=arguments.reference,
+        against=arguments.against,
         frames=arguments.frames,
         reading=read_options(arguments),
         live=arguments.live,
@@ -79,7 +85,9 @@ def run(arguments: argparse.Namespace) -> int:
     with contextlib.closing(opened(request)) as session:
         from asglight.viewer import app  # after the start of a live fit, which need not wait for it
 
-        app.set_up(session, arguments.frame, arguments.exposure_ev)
+        app.set_up(session, arguments.frame, arguments.exposure_ev, arguments.view)
+        if arguments.ground:
+            app.show_ground(session)
         status = session.source.status()
         if status.message and (status.is_finished or output is not None):
             print(f"asglight: {one_line(status.message)}", file=sys.stderr)

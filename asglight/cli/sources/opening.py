@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from asglight.lobes import LobeTracks
     from asglight.usd import Reading
+    from asglight.viewer.state.compared.against import Against
     from asglight.viewer.state.session import Session
     from asglight.viewer.state.source import TrackSource
 
@@ -36,6 +37,7 @@ class Request:
     Attributes:
         input: A stage, a folder that holds one, or images; None for the built-in environment.
         reference: Images to compare a stage with.
+        against: Another stage of the shot, or a folder that holds one, to compare with.
         frames: Frames of the images to use, such as `1001-1048`; None for all.
         reading: How the images are read.
         live: Fit the images while they are shown.
@@ -45,6 +47,7 @@ class Request:
 
     input: str | None = None
     reference: str | None = None
+    against: str | None = None
     frames: str | None = None
     reading: ReadOptions = field(default_factory=ReadOptions)
     live: bool = False
@@ -60,11 +63,38 @@ def opened(request: Request) -> "Session":
     """
     stage = None if request.input is None else stage_of(Path(request.input))
     _check(request, stage)
+    against = None if request.against is None else _against(request.against)
     if stage is not None:
-        return _stage(stage, request)
-    if request.input is None:
-        return _built_in(request)
-    return _images(request.input, request)
+        session = _stage(stage, request)
+    elif request.input is None:
+        session = _built_in(request)
+    else:
+        session = _images(request.input, request)
+    session.state.compare_against(against)
+    return session
+
+
+def _against(path: str) -> "Against":
+    """Read the fit that is B.
+
+    Raises:
+        InputError: There is no stage, it cannot be read, or it has more lobes than there is room.
+    """
+    from asglight.images.message import shown
+    from asglight.viewer.state.compared.against import Against
+    from asglight.viewer.state.viewer_state import check_count
+
+    stage = stage_of(Path(path))
+    if stage is None:
+        raise InputError(
+            f"--against {shown(path)}: images; expected a stage. To compare with images: "
+            f"--reference {shown(path)}."
+        )
+    from asglight.usd import read_usd
+
+    tracks = read_usd(stage)
+    check_count(tracks)
+    return Against(shown(stage.name), tracks)
 
 
 def stage_of(path: Path) -> Path | None:
@@ -144,21 +174,23 @@ def _stage(stage: Path, request: Request) -> "Session":
     with contextlib.ExitStack() as on_failure:
         if not os.path.exists(stage) and os.path.exists(checkpoint_of(stage)):
             source, tracks = _watched(stage)
+            muted: frozenset[int] = frozenset()
         else:
             from asglight.usd import read_stage
             from asglight.usd.read.keys import read_shown_keys
 
             reading = read_stage(stage, request.rig)
-            tracks, said = reading.tracks, findings_line(reading)
+            tracks, muted = reading.unmuted, reading.muted
+            said = findings_line(reading)
             keys = read_shown_keys(stage, request.rig)
             if keys is not None:
                 keyed = Keyed(open_rest(keys.rest), tracks)
                 on_failure.callback(keyed.close)
-                tracks = keys.tracks or no_lobes(keys.times, keys.fps)
+                tracks, muted = keys.tracks or no_lobes(keys.times, keys.fps), frozenset()
                 said = findings_line(replace(reading, changes=keys.changes))
             source = FixedSource(tracks, said)
         on_failure.callback(source.close)
-        state = ViewerState(tracks)
+        state = ViewerState(tracks, muted=muted)
         state.keyed = keyed
         reference = None
         if request.reference is not None:

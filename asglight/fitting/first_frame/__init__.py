@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A frame from nothing: seeds, starts, splits and merges, the balance of materials."""
+"""A frame from nothing: seeds, initial guesses, splits and merges, the weights of materials."""

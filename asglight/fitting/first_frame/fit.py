@@ -8,8 +8,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from asglight.fitting.first_frame import balance, flat_tops, seeding, starts
-from asglight.fitting.first_frame.regroup import regroup
+from asglight.fitting.first_frame import flat_tops, multi_start, reweighting, seeding
+from asglight.fitting.first_frame.split_merge import split_and_merge
 from asglight.fitting.loss import leaves, objective
 from asglight.fitting.loss.grid import grid
 from asglight.fitting.loss.objective import Corners
@@ -21,7 +21,7 @@ from asglight.sphere.quadrature import fibonacci_directions
 
 
 class Splitting(Protocol):
-    """Tries splits and merges, as `regroup`."""
+    """Tries splits and merges, as `split_and_merge`."""
 
     def __call__(
         self,
@@ -52,16 +52,17 @@ class Level:
 
 
 @dataclass(frozen=True)
-class Effort:
+class FirstFrameSettings:
     """How much is spent on a first frame.
 
     Attributes:
-        spreads_deg: `seeding.seed_lobes`' spread of each start; the best end is taken (starts.py).
+        spreads_deg: `seeding.seed_lobes`' spread of each initial guess; the best end is taken
+            (multi_start.py).
         levels: What is done with each, one level after the other.
         left: Shares of the errors of an even mixture that a fit is to leave; errors that lag
-            behind are brought forward (balance.py).
+            behind are brought forward (reweighting.py).
         finishing: Steps after the levels, on more leaves.
-        again: Starts that go once more where what materials show lags behind (starts.py).
+        again: Starts that go once more where what materials show lags behind (multi_start.py).
         several_max: Lobes up to which all starts are followed; of more, only the first is: with 120
             on two maps the end of `FAST`'s second has a J larger by a sixth.
     """
@@ -105,7 +106,7 @@ def soft_to_sharp(rounds: int) -> tuple[Level, ...]:
     )
 
 
-FAST = Effort(
+FAST = FirstFrameSettings(
     (math.inf, None),
     soft_to_sharp(rounds=4),
     (0.9, 0.42, 0.42, 0.5, 0.75),
@@ -115,7 +116,7 @@ FAST = Effort(
 """Before rounds came last, J of four was 2 to 4 % lower than with two over ten maps, of one a
 sixth; six gained less than 1 % more."""
 
-BEST = Effort(
+BEST = FirstFrameSettings(
     (math.inf, 4.0, None),
     soft_to_sharp(rounds=30),
     (0.816, 0.317, 0.317, 0.384, 0.672),
@@ -194,7 +195,7 @@ def fit_first_frame(
     reference: Tensor,
     count: int,
     form: Form | None,
-    effort: Effort = FAST,
+    settings: FirstFrameSettings = FAST,
     on_step: newton.OnStep | None = None,
     threads: int = 1,
 ) -> FrameFit:
@@ -204,7 +205,7 @@ def fit_first_frame(
         reference: Repaired radiance.  [H, 2 H, 3]
         count: N.
         form: Lobe function; None for asg, or flat where that shows the map better (flat_tops.py).
-        effort: How much is spent.
+        settings: How much is spent.
         on_step: Called after each step of the first start, and each round of splits of it that is
             kept, with lobes in units of the map's mean radiance, perhaps on another thread.
             [1, N, .]
@@ -220,32 +221,34 @@ def fit_first_frame(
     width_min = narrowest(frame.height)
 
     def finish(seed: Lobes, weights: Tensor | None, report: newton.OnStep | None) -> newton.Outcome:
-        """Follow a start to its end (`starts.Finish`)."""
+        """Follow a start to its end (`multi_start.Finish`)."""
         frames = [whole, coarse, last]
         if weights is not None:
-            frames = [balance.weighed(each, weights) for each in frames]
-        found = descend(seed[None], frames[0], frames[1], effort.levels, width_min, report)
+            frames = [reweighting.with_weights(each, weights) for each in frames]
+        found = descend(seed[None], frames[0], frames[1], settings.levels, width_min, report)
         return newton.minimise(
-            found.lobes, frames[2], effort.finishing, width_min=width_min, on_step=report
+            found.lobes, frames[2], settings.finishing, width_min=width_min, on_step=report
         )
 
     def aim() -> Tensor:
         """Return what errors are to come to on the last leaves."""
-        return balance.aims(seeding.seed_lobes(cells, count, Form.SG, None), last, effort.left)
+        return reweighting.aims(
+            seeding.seed_lobes(cells, count, Form.SG, None), last, settings.left
+        )
 
     def fitted(form: Form) -> newton.Outcome:
         """Return the end of the best start."""
-        spreads = effort.spreads_of(count)
+        spreads = settings.spreads_of(count)
         seeds = (seeding.seed_lobes(cells, count, form, spread) for spread in spreads)
-        return starts.best_end(
-            seeds, finish, last, aim(), width_min, on_step, effort.again, threads
+        return multi_start.best_end(
+            seeds, finish, last, aim(), width_min, on_step, settings.again, threads
         )
 
     found = fitted(first)
     if form is None and flat_tops.promises(found.lobes, whole, width_min):
         flat = fitted(Form.FLAT)
         found = flat if flat_tops.gains(flat, found) else found
-    return with_flux_of(light.relit(found, last).lobes[0], frame, float(found.value))
+    return with_flux_of(light.with_amplitudes(found, last).lobes[0], frame, float(found.value))
 
 
 def on_fine_leaves(frame: Exposed) -> objective.Target:
@@ -261,7 +264,7 @@ def descend(
     levels: tuple[Level, ...],
     width_min: float,
     on_step: newton.OnStep | None = None,
-    splitting: Splitting = regroup,
+    splitting: Splitting = split_and_merge,
 ) -> newton.Outcome:
     """Take the steps of each level in turn.
 
@@ -272,7 +275,7 @@ def descend(
         levels: What is done.
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes after each step, and each round of splits that is kept.
-        splitting: Tries splits; `regroup` is for one map.
+        splitting: Tries splits; `split_and_merge` is for one map.
     """
     state = newton.Outcome(start, torch.empty(0), torch.tensor(newton.DAMPING_START))
     for level in levels:

@@ -36,7 +36,7 @@ def promises(lobes: Lobes, frame: objective.Target, width_min: float) -> bool:
     softened = replace(frame, corners=CORNERS)
     before = newton.minimise(lobes, softened, STEPS, width_min=width_min)
     shown = lobe_images.images(flat.as_flat(before.lobes), softened.places)
-    start = light.relight(shown, softened).lobes
+    start = light.solve_amplitudes(shown, softened).lobes
     return gains(newton.minimise(start, softened, STEPS, width_min=width_min), before)
 
 

@@ -36,7 +36,8 @@ shows of a point, and each next one is taken where the one before is bright."""
 EM_STEPS = 30
 
 EVEN_STEPS = 40
-"""From even directions, as the peer takes: so is found what a fit is held against (balance.py)."""
+"""From even directions, as the peer takes: so is found what a fit is held
+against (reweighting.py)."""
 
 BRIGHT_SHARE = 5e-4
 """Flux share from which a block is taken apart. At most 2,000 of a size can be."""

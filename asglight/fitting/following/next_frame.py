@@ -23,14 +23,14 @@ from asglight.fitting.first_frame.fit import (
 from asglight.fitting.following import slots
 from asglight.fitting.following.pull_in import pulled_in, re_detected, responsibilities
 from asglight.fitting.following.relocation import Relocation, relocated
-from asglight.fitting.following.trials import Effort
+from asglight.fitting.following.trials import TrialSettings
 from asglight.fitting.loss import lobe_images, objective, temporal
 from asglight.fitting.loss.objective import Corners
 from asglight.fitting.options import TRACKS_PER_LOBE
 from asglight.fitting.steps import light, newton
 from asglight.lobes import Lobes, asg
 from asglight.lobes.frames import align, parallel_transport
-from asglight.lobes.near import nearest
+from asglight.lobes.near import onward
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ LIVE = FrameSettings(
     coarse=(Level(2, Corners(0.1, 0.005)),),
     whole=(Level(2, Corners(0.1, 0.005)), Level(2, Corners(0.1, 0.002))),
     changed=(Level(4, Corners(0.1, 0.005)), Level(4, Corners(0.1, 0.002))),
-    relocation=Relocation(rounds=1, trial=Effort(steps=2, companions=2), cost=0.002, loss=0.03),
+    relocation=Relocation(rounds=1, trial=TrialSettings(steps=2, companions=2)),
     afresh_loss=1.0,
 )
 
@@ -64,7 +64,7 @@ FAST = FrameSettings(
     coarse=(Level(4, Corners(0.3, 0.02)),),
     whole=(Level(4, Corners(0.3, 0.02)), Level(8, Corners(0.1, 0.002))),
     changed=(),
-    relocation=Relocation(rounds=2, trial=Effort(4)),
+    relocation=Relocation(rounds=2, trial=TrialSettings(4)),
     afresh_loss=0.5,
 )
 
@@ -76,7 +76,7 @@ BEST = FrameSettings(
         Level(24, Corners(0.1, 0.002)),
     ),
     changed=(),
-    relocation=Relocation(rounds=3, trial=Effort(4), splits=4),
+    relocation=Relocation(rounds=3, trial=TrialSettings(4), splits=4),
     afresh_loss=0.5,
 )
 
@@ -129,7 +129,7 @@ def fit_next_frame(
     prior = temporal.prior(outcome.lobes)
     outcome = stepped(outcome, coarse, settings.coarse, prior, width_min)
     levels, places = settings.whole, tracks.tolist()
-    if float(outcome.value) >= settings.relocation.loss:
+    if float(outcome.value) > settings.relocation.cost:  # a trial cannot lower it by more
         competing = replace(coarse, corners=levels[-1].corners)
         room = int(free.sum())
         lobes, stays = relocated(outcome, competing, count, room, width_min, settings.relocation)
@@ -144,7 +144,9 @@ def fit_next_frame(
         fresh = fit_first_frame(reference, count, previous.form, threads=threads)
         if fresh.loss < AFRESH_GAIN * loss:
             return _in_tracks_afresh(fresh, previous, free)
-    fit = with_flux_of(temporal.blackened(light.relit(outcome, whole).lobes[0]), frame, loss)
+    fit = with_flux_of(
+        temporal.blackened(light.with_amplitudes(outcome, whole).lobes[0]), frame, loss
+    )
     return replace(fit, lobes=_in_tracks(fit.lobes, places, previous))
 
 
@@ -223,7 +225,7 @@ def initial_guess(
     """
     places = [before.axis_z]
     if earlier is not None:
-        places.append(onward(before, earlier))
+        places.append(onward(before, earlier, ~temporal.is_dark(earlier)))
     still = lobe_images.images(_at(before, torch.stack(places)), frame.places)
     taken = responsibilities(still)
     found = re_detected(still.lobes[:1], taken[:1], frame)
@@ -240,7 +242,7 @@ def initial_guess(
     value = objective.value(radiance, frame.repeated(2 * count))
     still_best, after_best = value.view(2, -1).argmin(-1, keepdim=True)
     pair = lobe_images.joined(still[still_best], onwards[after_best])
-    lit = light.relight(pair, frame.repeated(2))
+    lit = light.solve_amplitudes(pair, frame.repeated(2))
     as_it_was = float(value[0])
     value = objective.value(lit.radiance, frame.repeated(2))
     damping = torch.full_like(value, DAMPING_START)
@@ -256,36 +258,6 @@ def _at(lobes: Lobes, axis_z: Tensor) -> Lobes:
         lobes.amplitude.expand(*batch, *lobes.amplitude.shape),
         lobes.form,
     )
-
-
-def onward(before: Lobes, earlier: Lobes) -> Tensor:
-    """Return where lobes are that turn on as they did.
-
-    A lobe that is new turns with the one that it is near to: lobes on one lamp move together.
-
-    Args:
-        before: The frame before.  [N, .]
-        earlier: The frame before that.  [N, .]
-
-    Returns:
-        Their axes z.  [N, 3]
-    """
-    known = ~temporal.is_dark(earlier)
-    beside, is_near = nearest(before, known)
-    own = torch.arange(before.count, device=beside.device)
-    leader = torch.where(known | ~is_near, own, beside)
-    turned = _turned(before.axis_z, earlier.axis_z[leader], before.axis_z[leader])
-    return torch.where((known | is_near)[:, None], turned, before.axis_z)
-
-
-def _turned(directions: Tensor, start: Tensor, end: Tensor) -> Tensor:
-    """Turn directions as from a start to an end on its great circle.  [N, 3] each."""
-    axis = torch.linalg.cross(start, end)
-    across = torch.linalg.cross(axis, directions)
-    cosine = (start * end).sum(-1, keepdim=True)
-    # Rodrigues' formula without the angle; opposite ends have no shortest way, and stay
-    again = torch.linalg.cross(axis, across) / (1 + cosine).clamp(min=1e-6)
-    return torch.nn.functional.normalize(directions + across + again, dim=-1)
 
 
 def _within_reach(exposure: float, previous: Lobes) -> float:

@@ -3,8 +3,9 @@
 
 Steps go downhill, so lobes keep the lamps that they have. A lamp that comes into sight, is switched
 on or comes near needs more of them. Candidates are one half of the lobe that most of J lies on
-(regroup.py), and the direction in which the sharpest probe lacks most light. A few steps of each on
-few cells tell whether J falls by enough [in the spirit of split-and-merge EM, Ueda et al. 2000].
+(split_merge.py), and the direction in which the sharpest probe lacks most light. A few steps of
+each on few cells tell whether J falls by enough [in the spirit of split-and-merge EM, Ueda et al.
+2000].
 
 A relocated lobe is another light: it takes a track that is dark, and its own track fades where it
 was (slots.py).
@@ -15,8 +16,8 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting.first_frame import regroup
-from asglight.fitting.following.trials import Effort, compete
+from asglight.fitting.first_frame import split_merge
+from asglight.fitting.following.trials import TrialSettings, compete
 from asglight.fitting.loss import lobe_images, objective, temporal
 from asglight.fitting.loss.leaves import to_cells
 from asglight.fitting.loss.probes import PROBES, directions, probe, split
@@ -44,15 +45,13 @@ class Relocation:
             a tenth of it lets lights come and go for nothing that is seen, and flicker.
         gain: Share of J by which it must lower J as well: under noise J is large, and all trials
             gain something.
-        loss: J from which relocation is tried: slow skies and rooms stay below.
     """
 
     rounds: int
-    trial: Effort
+    trial: TrialSettings
     splits: int = 2
     cost: float = 0.002
     gain: float = 0.02
-    loss: float = 0.02
 
 
 def relocated(
@@ -119,16 +118,16 @@ def _trials(
     gone = None
     if full:
         shown = lobe_images.images(lobes[None], frame.places)
-        costs, filled = regroup.absences(shown, frame)
+        costs, filled = split_merge.leave_one_out_costs(shown, frame)
         gone = int(costs.argmin())
-        lobes = regroup.without(gone, lobes, filled, width_min)
+        lobes = split_merge.without(gone, lobes, filled, width_min)
     new = lobes.count
     lobes = joined(lobes, _black_like(lobes))
     shown = lobe_images.images(lobes[None], frame.places)
     costs = torch.full((lobes.count,), torch.inf)
     costs[new] = 0.0
-    halves = [each for each in regroup.ordered(shown, frame, costs) if each.lobe != gone]
-    trials = [regroup.halved(lobes, *each) for each in halves[:splits]]
+    halves = [each for each in split_merge.ordered(shown, frame, costs) if each.lobe != gone]
+    trials = [split_merge.halved(lobes, *each) for each in halves[:splits]]
     there = placed(lobes, new, shown, frame)
     return gone, trials if there is None else [*trials, there]
 

@@ -19,7 +19,7 @@ from asglight.lobes import Lobes
 
 
 @dataclass(frozen=True)
-class Effort:
+class TrialSettings:
     """How much is spent on a trial.
 
     Attributes:
@@ -31,7 +31,7 @@ class Effort:
     companions: int | None = None
 
 
-THOROUGH = Effort(4)
+THOROUGH = TrialSettings(4)
 """For a trial only has to tell that J will be lower. With three companions `fast` follows lamps in
 a tunnel in three quarters of the time, but flickers by a quarter more."""
 
@@ -40,7 +40,7 @@ def compete(
     trials: Lobes,
     indices: Sequence[int],
     frame: objective.Target,
-    effort: Effort,
+    settings: TrialSettings,
     *,
     width_min: float,
     damping: Tensor | float = newton.DAMPING_START,
@@ -51,7 +51,7 @@ def compete(
         trials: Two or more; the first is the lobes as they are.  [F, N, .]
         indices: The lobe that each trial is about; of the first, that which shall stay as it is.
         frame: The map on few leaves.  F = 1
-        effort: How much is spent.
+        settings: How much is spent.
         width_min: Sigma of the narrowest lobe allowed, radians.
         damping: First damping.  [1]
 
@@ -59,17 +59,17 @@ def compete(
         The lobes after their steps [F, N, .] and J of each trial [F].
     """
     many = frame.repeated(len(indices))
-    if effort.companions is None or effort.companions + 1 >= trials.count:
-        found = newton.minimise(trials, many, effort.steps, damping=damping, width_min=width_min)
+    if settings.companions is None or settings.companions + 1 >= trials.count:
+        found = newton.minimise(trials, many, settings.steps, damping=damping, width_min=width_min)
         return found.lobes, found.value
     shown = lobe_images.images(trials, many.places)
     each = torch.arange(len(indices), device=trials.axes.device)[:, None]
-    moving = each, _together(shown, many, indices, effort.companions + 1)
+    moving = each, _together(shown, many, indices, settings.companions + 1)
     some = shown.light[moving].mT @ shown.values[moving]
     found = newton.minimise(
         _of(trials, moving),
         objective.less(many, shown.radiance - some),
-        effort.steps,
+        settings.steps,
         damping=damping,
         width_min=width_min,
     )

@@ -142,7 +142,7 @@ def _step(
     own = _gathered(shot, index, tracks, frames)
     still = dark.to(own.axes.device)
     shown = lobe_images.images(own, whole.places)
-    start = light.relight(shown, whole, still).lobes
+    start = light.solve_amplitudes(shown, whole, still).lobes
     found = newton.minimise(
         start,
         whole,

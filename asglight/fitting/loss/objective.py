@@ -111,7 +111,7 @@ class Target:
         """The frames for what is compiled."""
         return layout.target(self, _probe_corners(self.corners.probe, "cpu"))
 
-    def weighed(self, env: float, probes: Sequence[float]) -> "Target":
+    def with_weights(self, env: float, probes: Sequence[float]) -> "Target":
         """Return the frames with every weight of J times a factor.
 
         Args:
@@ -304,7 +304,7 @@ def _probe_corners(corner: float, device: str) -> Tensor:
     return torch.tensor(corners, device=device)
 
 
-def placed(radiance: Tensor, frame: Target) -> Tensor:
+def per_cell_loss(radiance: Tensor, frame: Target) -> Tensor:
     """Lay J out on the leaves: what a probe shows wrong goes to where its light comes from.
 
     Args:

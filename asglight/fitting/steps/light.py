@@ -30,10 +30,10 @@ def last(shown: Images, frame: objective.Target, still: Tensor | None = None) ->
         frame: The maps.
         still: Which lobes keep their light.  [F, N]
     """
-    return relight(shown, replace(frame, corners=CORNERS), still)
+    return solve_amplitudes(shown, replace(frame, corners=CORNERS), still)
 
 
-def relit(found: newton.Outcome, frame: objective.Target) -> Images:
+def with_amplitudes(found: newton.Outcome, frame: objective.Target) -> Images:
     """Return lobes that took their steps with the last solution for their light.
 
     Args:
@@ -44,7 +44,7 @@ def relit(found: newton.Outcome, frame: objective.Target) -> Images:
     return last(found.shown, frame)
 
 
-def relight(shown: Images, frame: objective.Target, still: Tensor | None = None) -> Images:
+def solve_amplitudes(shown: Images, frame: objective.Target, still: Tensor | None = None) -> Images:
     """Solve for the amplitudes alone, shapes held: the linear part of the problem.
 
     It is a non-negative least squares problem of the reweighted normal equations for each channel
@@ -67,7 +67,7 @@ def relight(shown: Images, frame: objective.Target, still: Tensor | None = None)
     return replace(shown, lobes=lobes)
 
 
-def absences(shown: Images, frame: objective.Target) -> Tensor:
+def leave_one_out_costs(shown: Images, frame: objective.Target) -> Tensor:
     """Return how much J grows, to second order, when a lobe goes and others' light makes up for it.
 
     Args:

@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from asglight.fitting.first_frame import balance, seeding, starts
 from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.first_frame import multi_start, reweighting, seeding
 from asglight.fitting.first_frame.fit import Exposed, FrameFit
 from asglight.fitting.loss import objective
 from asglight.fitting.steps import light, newton
-from asglight.fitting.stills.balancing import balanced_each
 from asglight.fitting.stills.frames import chosen
-from asglight.fitting.stills.splitting import regroup_each
+from asglight.fitting.stills.reweighting import balanced_each
+from asglight.fitting.stills.splitting import split_and_merge_each
 from asglight.fitting.stills.starting import seeds_of_each
 from asglight.lobes import Form, Lobes
 from asglight.lobes.frames import canonical
@@ -30,7 +30,7 @@ AT_ONCE = 128
 """Maps side by side: by estimate enough that a step computes for longer than it takes to start, and
 8 GB of 60 MB each, which all GPUs have on which one would do this."""
 
-EFFORT = first_frame.FAST
+SETTINGS = first_frame.FAST
 
 OnDone = Callable[[int], None]
 """Called with the number of maps that are done."""
@@ -134,10 +134,10 @@ def _batch(references: list[Tensor], frames: list[Exposed]) -> _Batch:
 def _fitted(batch: _Batch, count: int, form: Form) -> list[FrameFit]:
     """Return the fit of each map."""
     yardstick = seeds_of_each(batch.cells, count, Form.SG, None)
-    aims = balance.aims_of_each(yardstick, batch.last, EFFORT.left)
+    aims = reweighting.aims_of_each(yardstick, batch.last, SETTINGS.left)
     found = _best_end(batch, count, form, aims)
     found = balanced_each(found, batch.last, aims, batch.width_min)
-    lobes = canonical(light.relit(found, batch.last).lobes.to("cpu"))
+    lobes = canonical(light.with_amplitudes(found, batch.last).lobes.to("cpu"))
     return [
         first_frame.with_flux_of(own, replace(frame, flux=frame.flux.cpu()), loss)
         for own, frame, loss in zip(_each(lobes), batch.frames, found.value.tolist(), strict=True)
@@ -145,14 +145,14 @@ def _fitted(batch: _Batch, count: int, form: Form) -> list[FrameFit]:
 
 
 def _best_end(batch: _Batch, count: int, form: Form, aims: Tensor) -> newton.Outcome:
-    """Follow each start to its end, and return of each map the end that `starts.End` puts first."""
+    """Follow each initial guess to its end; return of each map the one that `End` puts first."""
     best: tuple[newton.Outcome, Tensor, Tensor] | None = None
-    for spread in EFFORT.spreads_deg:
+    for spread in SETTINGS.spreads_deg:
         seeds = seeds_of_each(batch.cells, count, form, spread)
         found = _finished(batch, seeds)
-        lags = balance.lags_of_each(found, batch.last, aims)
+        lags = reweighting.lags_of_each(found, batch.last, aims)
         behind = lags[:, 1:].amax(-1).clamp(min=1.0)
-        wrong = starts.lit_wrong_of_each(found, batch.last)
+        wrong = multi_start.lit_wrong_of_each(found, batch.last)
         if best is not None:
             ahead = (behind < best[1]) | ((behind == best[1]) & (wrong < best[2]))
             found = chosen(ahead, found, best[0])
@@ -160,7 +160,7 @@ def _best_end(batch: _Batch, count: int, form: Form, aims: Tensor) -> newton.Out
                 torch.where(ahead, new, old) for new, old in ((behind, best[1]), (wrong, best[2]))
             )
         best = found, behind, wrong
-    assert best is not None  # every effort has a start
+    assert best is not None  # every setting has an initial guess
     return best[0]
 
 
@@ -170,11 +170,11 @@ def _finished(batch: _Batch, seeds: Lobes) -> newton.Outcome:
         seeds,
         batch.whole,
         batch.coarse,
-        EFFORT.levels,
+        SETTINGS.levels,
         batch.width_min,
-        splitting=regroup_each,
+        splitting=split_and_merge_each,
     )
-    return newton.minimise(found.lobes, batch.last, EFFORT.finishing, width_min=batch.width_min)
+    return newton.minimise(found.lobes, batch.last, SETTINGS.finishing, width_min=batch.width_min)
 
 
 def _each(lobes: Lobes) -> Iterator[Lobes]:

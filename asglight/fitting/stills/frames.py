@@ -28,14 +28,14 @@ def _picked(frames: Framed, index: Tensor) -> Framed:
     return replace(frames, **tensors)
 
 
-def weighed(frames: objective.Target, factors: Tensor) -> objective.Target:
+def with_weights(frames: objective.Target, factors: Tensor) -> objective.Target:
     """Return maps under J over the factor of its first weight: steps are the same as under J.
 
     w_env is one number for all maps, the other weights are not.
 
     Args:
         frames: The maps.
-        factors: Of the weight of each of `balance.ERRORS`; the larger one of irr and irrMax
+        factors: Of the weight of each of `reweighting.ERRORS`; the larger one of irr and irrMax
             counts.  [F, 5]
     """
     env, irr, irr_max, rough, glossy = factors.unbind(-1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Splits and merges of many maps at once: in a round each map tries its own, as in regroup.py."""
+"""Splits and merges of many maps at once: in a round each tries its own, as split_merge.py does."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -8,15 +8,15 @@ from itertools import islice
 import torch
 from torch import Tensor
 
-from asglight.fitting.first_frame.regroup import (
+from asglight.fitting.first_frame.split_merge import (
     GAIN,
     SETTLING_STEPS,
     STEPS,
     TRIAL_STEPS,
     TRIALS,
     Split,
-    absences_of_each,
     carried_out_each,
+    leave_one_out_costs_of_each,
     lying_on,
     ranked,
 )
@@ -25,7 +25,7 @@ from asglight.fitting.steps import newton
 from asglight.fitting.stills.frames import chosen, picked
 
 
-def regroup_each(
+def split_and_merge_each(
     start: newton.Outcome,
     frame: objective.Target,
     coarse: objective.Target,
@@ -82,10 +82,10 @@ def _filled_up(splits: list[Split]) -> list[Split]:
 
 
 def _to_try(best: newton.Outcome, frames: objective.Target) -> tuple[list[Iterator[Split]], Tensor]:
-    """Return the splits of each fit in the order in which they are tried, and `absences`' steps."""
+    """Return the splits of each fit in the order of their trials, and the steps that fill gaps."""
     assert best.shown is not None  # of lobes that took steps
     misfit = objective.misfit(best.shown.radiance, frames)
-    costs, filled = absences_of_each(best.shown, misfit, frames)
+    costs, filled = leave_one_out_costs_of_each(best.shown, misfit, frames)
     own = lying_on(best.shown, frames)
     form = best.lobes.form
     pairs = zip(own.cpu(), costs.cpu(), strict=True)

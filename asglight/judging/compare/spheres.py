@@ -8,7 +8,7 @@ Under it stand, from far away,
 
     mirror    metal of reflectance 0.8, roughness 0
     silver    metal of reflectance 0.8, roughness 0.327
-    diffuse   matt 0.8 under a dielectric layer of reflectance 0.04, roughness 0.364
+    diffuse   matte 0.8 under a dielectric layer of reflectance 0.04, roughness 0.364
 
 The papers render with Blender's Cycles through a lens of 85 mm; here asglight's own renderer does
 it, orthographic, so numbers compare among themselves and only roughly with theirs.
@@ -28,8 +28,8 @@ from asglight.sphere import latlong
 
 SPHERES = ("mirror", "silver", "diffuse")
 
-METAL, MATT, DIELECTRIC = 0.8, 0.8, 0.04
-"""Reflectance along the normal of the metals, of the matt base, of the layer over it."""
+METAL, MATTE, DIELECTRIC = 0.8, 0.8, 0.04
+"""Reflectance along the normal of the metals, of the matte base, of the layer over it."""
 
 SILVER_ROUGHNESS, LAYER_ROUGHNESS = 0.327, 0.364
 
@@ -150,7 +150,7 @@ def _matt(maps: Tensor, size: int, normals: Tensor) -> Tensor:
     share = coverage(size).flatten()
     lit = share > 0
     low, high = _albedo_parts(normals[lit, 2], LAYER_ROUGHNESS).unbind(-1)
-    passed = MATT * (1 - DIELECTRIC * low - high) * share[lit]
+    passed = MATTE * (1 - DIELECTRIC * low - high) * share[lit]
     result = maps.new_zeros(len(maps), size * size, 3)
     result[:, lit] = kernels.filtered(coarse, kernels.LAMBERT, normals[lit]) * passed[:, None]
     return result.view(len(maps), size, size, 3)

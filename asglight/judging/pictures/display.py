@@ -46,7 +46,7 @@ def exposure_stops(references: Tensor) -> float:
 def ball_exposure_stops(balls: Tensor) -> float:
     """Return the stops that bring the median of the last ball, the roughest, to a light grey.
 
-    It is a matt white ball, which a photographer puts a stop above middle grey.
+    It is a matte white ball, which a photographer puts a stop above middle grey.
 
     Args:
         balls: Rendered under references.  [K, R, S, S, 3]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """All stress cases, and choosing some by name."""
 
+import random
 from collections.abc import Sequence
 
 from asglight.errors import InputError
@@ -32,3 +33,21 @@ def chosen(wanted: Sequence[str]) -> tuple[Case, ...]:
     if not wanted:
         return CASES
     return tuple(case for place, case in named.items() if {place, str(case.group)} & set(wanted))
+
+
+def sampled(share: float) -> list[str]:
+    """Return names of cases that hold for all: those of `time`, and some of the others by chance.
+
+    Args:
+        share: Of the others, in (0, 1].
+
+    Returns:
+        `group/name` of each, so that a run can be repeated.
+
+    Raises:
+        InputError: The share is not in its range.
+    """
+    if not 0 < share <= 1:
+        raise InputError(f"sample: {share:.10g}; expected a share above 0, at most 1.")
+    rest = [f"{case.group}/{case.name}" for case in CASES if case.group is not Group.TIME]
+    return [str(Group.TIME), *sorted(random.sample(rest, max(1, round(share * len(rest)))))]

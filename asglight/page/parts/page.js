@@ -259,7 +259,6 @@
     gl.bindTexture(gl.TEXTURE_2D, texture);
     const place = (name) => gl.getUniformLocation(program, name);
     for (const name of ["u_fit", "u_fit_background", "u_scale"]) gl.uniform1i(place(name), 0);
-    gl.uniform1i(place("u_has_background"), 0);
     gl.uniform4f(place("u_area"), 0, height, width, -height); // rows count from the top
     gl.uniform1f(place("u_exposure_ev"), state.exposure);
     gl.uniform1i(place("u_channel"), 0);
@@ -470,7 +469,7 @@
     const labels = document.querySelector(".labels");
     labels.style.gridTemplateColumns = `repeat(${columns()}, 1fr)`;
     labels.replaceChildren(...shot.roughness.map((one) =>
-      Object.assign(document.createElement("span"), { textContent: one === null ? "matt" : `roughness ${one}` })));
+      Object.assign(document.createElement("span"), { textContent: one === null ? "matte" : `roughness ${one}` })));
   }
 
   // ---- the reader -------------------------------------------------------------------------------

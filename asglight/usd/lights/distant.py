@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import asg
-from asglight.lobes.data import Form, Lobes
+from asglight.lobes.data import Lobes
 from asglight.usd import schema
 from asglight.usd.lights.emission import intensity_and_color, tinted
 from asglight.usd.lights.light import Light, on_sides
@@ -31,29 +31,6 @@ MIDDLE = "middle"
 
 ACROSS_MAX = 0.32
 """Mean square of the broadest of three discs; at 1/3 tilting one would change nothing."""
-
-
-def facing_irradiance(lobes: Lobes, moments: asg.Moments | None = None) -> Tensor:
-    """Return the irradiance on a patch that faces each lobe: the integral of z over z > 0.
-
-    asg: the first moment. bingham: one side's, which is the integral of the asg of the same
-    sharpness. sg: 2 pi (s - 1 + exp(-s)) / s^2, by parts.
-
-    Args:
-        lobes: N lobes.  [..., N, .]
-        moments: Theirs, float64, where they are known.  [..., N, .]
-
-    Returns:
-        Linear RGB, not divided by pi, float64.  [..., N, 3]
-    """
-    lobes = lobes.to(torch.float64)
-    if lobes.form is Form.SG:
-        unit = _sg_facing(lobes.sharpness[..., 0])
-    elif lobes.form is Form.BINGHAM:
-        unit = asg.integral(Lobes(lobes.axes, lobes.sharpness, lobes.amplitude, Form.ASG))
-    else:
-        unit = (moments or asg.moments(lobes)).first
-    return lobes.amplitude * unit[..., None]
 
 
 def angle_deg(lobes: Lobes, moments: asg.Moments | None = None) -> Tensor:
@@ -89,7 +66,7 @@ def lights(lobes: Lobes, moments: asg.Moments, threefold: Sequence[bool]) -> lis
         moments: Theirs, float64.  [F, N, .]
         threefold: For each lobe whether it gets three lights.
     """
-    irradiance = facing_irradiance(lobes, moments)
+    irradiance = asg.facing_irradiance(lobes, moments)
     angle = angle_deg(lobes, moments)
     spreads = Spread.of(moments.second[..., :2] / moments.zeroth[..., None])
     found = []
@@ -181,11 +158,3 @@ def _light(name: str, irradiance: Tensor, angle: Tensor) -> Light:
         schema.COLOR: tinted(intensity, color),
     }
     return Light(name, tracks, {schema.NORMALIZE: True})
-
-
-def _sg_facing(s: Tensor) -> Tensor:
-    small = s < 0.05  # there s - 1 + exp(-s) cancels; the series is exact to 1e-10
-    safe = torch.where(small, 1.0, s)
-    closed = (safe + torch.expm1(-safe)) / safe.square()
-    series = 1 / 2 - s * (1 / 6 - s * (1 / 24 - s * (1 / 120 - s * (1 / 720 - s / 5040))))
-    return 2 * torch.pi * torch.where(small, series, closed)

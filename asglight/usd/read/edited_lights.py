@@ -9,7 +9,7 @@ know lights only. So the lights of the representation that is shown are compared
   stands where its centre is seen from the rig's origin;
 - sharpness: so that the derived sizes are the edited ones; a card's size scales with its distance;
 - amplitude: so that the derived light is the edited one, in each channel;
-- a lobe that is invisible, or whose light is gone, is black;
+- a lobe that is invisible (`hidden_lobes`), or whose light is gone, is black;
 - a dome that was turned turns its lobes;
 - how the rig stands in the shot turns all lobes (placement.py).
 
@@ -61,6 +61,8 @@ def with_light_edits(
 ) -> tuple[Lobes, list[str]]:
     """Return the lobes that the shown representation's lights say, as asglight has them turned.
 
+    Those that are invisible have their light: `hidden_lobes` tells which they are.
+
     Args:
         rig: The prim that holds the lobes.
         prims: Those of the lobes.
@@ -93,8 +95,6 @@ def with_light_edits(
                 view, lobes, schema.FILL, [kind is Kind.FILL for kind in kinds]
             )
             changes += found
-    lobes, found = _with_visibility(prims, lobes, times)
-    changes += found
     changes += [f"{rig.GetPath()}: {word}" for word in placement.words()]
     return turned(lobes, placement.to_world).to(torch.float32), changes
 
@@ -124,7 +124,8 @@ def with_key_edits(
     kinds, threefold = [Kind.SINGLE] * len(prims), [False] * len(prims)
     view = View(rig, times, shown, distance, placement, colorspace, kinds, threefold)
     lobes, changes = _with_lights(view, prims, lobes.to(torch.float64))
-    lobes, found = _with_visibility(prims, lobes, times)
+    hidden, found = hidden_lobes(prims, times)
+    lobes.amplitude[hidden] = 0
     return turned(lobes, placement.to_world).to(torch.float32), changes + found
 
 
@@ -200,11 +201,11 @@ def _changed(view: View, own: Lobes, was: LobeLights, held: LobeLights, derived:
     resized = np.any(np.abs(held.sizes - was.sizes) > EDITED * was.sizes, axis=-1, keepdims=True)
     if resized.any():
         own = replace(own, sharpness=_sharpness(view, own, held.sizes, resized, derived))
-    relit = resized | (np.abs(held.light - was.light) > EDITED * was.light)
+    light_changed = resized | (np.abs(held.light - was.light) > EDITED * was.light)
     unit = replace(own, amplitude=torch.ones_like(own.amplitude))
     per_amplitude = derived(unit).light  # light is in proportion to the amplitude
     amplitude = torch.from_numpy(held.light / per_amplitude)[:, None]
-    changed = torch.from_numpy(relit.any(-1))[:, None, None]
+    changed = torch.from_numpy(light_changed.any(-1))[:, None, None]
     return replace(own, amplitude=torch.where(changed, amplitude.clamp(min=0), own.amplitude))
 
 
@@ -287,19 +288,25 @@ def upright(dome: Usd.Prim) -> Array:
     return np.array(authored)
 
 
-def _with_visibility(
-    prims: Sequence[Usd.Prim], lobes: Lobes, times: tuple[int, ...]
-) -> tuple[Lobes, list[str]]:
-    """Make lobes black where nobody sees them."""
-    amplitude, changes = lobes.amplitude.clone(), []
+def hidden_lobes(prims: Sequence[Usd.Prim], times: tuple[int, ...]) -> tuple[Tensor, list[str]]:
+    """Return where lobes are invisible, and what is to be said of that.
+
+    Args:
+        prims: Those of the lobes.
+        times: Frame numbers.
+
+    Returns:
+        Whether nobody sees a lobe, [F, N], and one line for each lobe of which that is so.
+    """
+    found, changes = torch.zeros(len(times), len(prims), dtype=torch.bool), []
     for index, prim in enumerate(prims):
         chain = [prim.GetStage().GetPrimAtPath(path) for path in prim.GetPath().GetPrefixes()]
-        if not any(one.GetAttribute("visibility").HasAuthoredValue() for one in chain):
+        if not any(one.GetAttribute(schema.VISIBILITY).HasAuthoredValue() for one in chain):
             continue
         image = UsdGeom.Imageable(prim)
         hidden = [image.ComputeVisibility(time) == UsdGeom.Tokens.invisible for time in times]
-        amplitude[torch.tensor(hidden), index] = 0
+        found[:, index] = torch.tensor(hidden)
         if any(hidden):
             where = "" if all(hidden) else f" in {sum(hidden)} of {len(times)} frames"
             changes.append(f"{prim.GetPath()}: invisible{where}")
-    return replace(lobes, amplitude=amplitude), changes
+    return found, changes

@@ -9,7 +9,7 @@ gone.
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -22,7 +22,7 @@ from asglight.errors import InputError
 from asglight.images import ocio
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.usd import schema
-from asglight.usd.read.edited_lights import with_light_edits
+from asglight.usd.read.edited_lights import hidden_lobes, with_light_edits
 from asglight.usd.read.placement import placement_of
 from asglight.usd.read.read_options import card_distance_of
 from asglight.usd.read.times import NoFramesError, frame_numbers
@@ -39,11 +39,16 @@ class Reading:
         tracks: Its lobes.
         changes: What other programs changed in its lights, one line each: `<prim>: <what>`.
         unread: What the stage says of its lights that lobes cannot hold, likewise.
+        unmuted: The lobes with the light of those that are invisible in every frame, as if they
+            were seen.
+        muted: Indices of those lobes.
     """
 
     tracks: LobeTracks
     changes: tuple[str, ...]
-    unread: tuple[str, ...] = ()
+    unread: tuple[str, ...]
+    unmuted: LobeTracks
+    muted: frozenset[int]
 
 
 def read_usd(path: str | Path | Usd.Stage, rig: str | None = None) -> LobeTracks:
@@ -105,11 +110,23 @@ def _reading(path: str, stage: Usd.Stage, rig: Usd.Prim) -> Reading:
     lobes, changes = with_light_edits(
         rig, prims, lobes, times, distance, placement, space.colorspace
     )
+    hidden, invisible = hidden_lobes(prims, times)
+    changes += invisible
     names = tuple(prim.GetName() for prim in prims)
     _check_finite(path, lobes, names, times)
     lobes = in_colorspace(lobes, space.colorspace, ocio.REC709)
-    tracks = LobeTracks(times, fps, lobes, _metadata(path, data), names)
-    return Reading(tracks, tuple(changes), tuple(unread_of(rig, placement)))
+    shown = {prim.GetName(): prim.GetDisplayName() for prim in prims if prim.GetDisplayName()}
+    muted = hidden.all(dim=0)  # [N]
+    partly = _darkened(lobes, hidden & ~muted)
+    unmuted = LobeTracks(times, fps, partly, _metadata(path, data), names, shown)
+    tracks = replace(unmuted, lobes=_darkened(lobes, hidden))
+    indices = frozenset(torch.nonzero(muted)[:, 0].tolist())
+    return Reading(tracks, tuple(changes), tuple(unread_of(rig, placement)), unmuted, indices)
+
+
+def _darkened(lobes: Lobes, dark: torch.Tensor) -> Lobes:
+    """Return lobes black where they are dark.  [F, N]."""
+    return replace(lobes, amplitude=lobes.amplitude.masked_fill(dark[..., None], 0.0))
 
 
 def _check_finite(path: str, lobes: Lobes, names: tuple[str, ...], times: tuple[int, ...]) -> None:

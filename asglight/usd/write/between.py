@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from asglight.lobes import Lobes, asg, frames, motion
-from asglight.usd.lights import cards, distant
+from asglight.usd.lights import cards
 from asglight.usd.lights.emission import intensity_and_color, tinted
 from asglight.usd.write.samples import DOT_MIN
 from asglight.usd.write.span_errors import (
@@ -143,7 +143,7 @@ class Shot:
         for is_three, needed in ((False, self._bent & ~three), (True, self._reshaped & three)):
             for spans, lobes, moments in self._spans(needed):
                 unit = replace(lobes, amplitude=torch.ones_like(lobes.amplitude))
-                facing = distant.facing_irradiance(unit, moments)[..., 0] / moments.zeroth
+                facing = asg.facing_irradiance(unit, moments)[..., 0] / moments.zeroth
                 squares = cards.mean_squares(moments)
                 discs = DiscSpans(self._flux(spans), facing.log(), squares.log(), is_three)
                 inserted.append(_needed(spans, discs))

@@ -3,13 +3,15 @@
 
 The layer sublayers the stage and overrides, for the lobes that were edited, each attribute whose
 composed value differs from the one that `write_usd` would author: what the lobe is, and the lights
-derived from it, in every representation that the stage holds. A dome shows all lobes together, so
-it gets images of its own. Range and rate of time, units and the default prim are copied, because
+derived from it, in every representation that the stage holds. A lobe that is muted is invisible
+and keeps its values; one that is deleted is inactive; one that was added is a prim of the layer;
+one that was renamed has another `displayName` (edited_lobes.py). A dome shows all lobes together,
+so it gets images of its own. Range and rate of time, units and the default prim are copied, because
 USD reads them from a stage's own layer and from none below it.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +38,7 @@ from asglight.usd.read.read_options import (
     shown_kinds,
     shown_threefold,
 )
-from asglight.usd.read.tracks import read_stage, read_usd
+from asglight.usd.read.tracks import read_stage
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import space_for, to_stage
 from asglight.usd.stage import (
@@ -52,6 +54,7 @@ from asglight.usd.write import layer, samples, staging
 from asglight.usd.write.authoring import TrackAuthor
 from asglight.usd.write.between import Shot
 from asglight.usd.write.checks import check_target, check_tracks
+from asglight.usd.write.edited_lobes import LobeChanges, author_added, author_states
 from asglight.usd.write.over_stage import reference, with_metadata
 from asglight.usd.write.staging import WriteReport
 
@@ -92,7 +95,8 @@ class _Source:
         path: The stage.
         stage: Its composition; which representation it shows changes as it is read.
         rig: The prim that holds the lobes.
-        tracks: Its lobes.
+        tracks: Its lobes, those that are muted as they would light.
+        muted: Indices of the muted ones.
         options: How it was written.
         placement: How the rig stands in the stage.
         kinds: What each lobe is in its cards; none without cards.
@@ -107,7 +111,8 @@ class _Source:
             InputError: There is no such stage, it holds no lobes, or a value is damaged.
         """
         self.path = path
-        self.tracks = read_usd(path)
+        reading = read_stage(path)
+        self.tracks, self.muted = reading.unmuted, reading.muted
         self.stage, self.rig = open_rig(path)
         self.stage.SetEditTarget(self.stage.GetSessionLayer())
         self.options = options_of(self.rig)
@@ -131,6 +136,19 @@ class _Source:
         """Return what some lobes are in the cards; none for a stage without them."""
         return [self.kinds[index] for index in lobes] if self.kinds else []
 
+    def unmuted(self, tracks: LobeTracks, edited: Collection[int]) -> LobeTracks:
+        """Return tracks with the light of the muted lobes that were not edited."""
+        chosen = torch.tensor(sorted(self.muted - set(edited)), dtype=torch.long)
+        if tracks.lobes.count < self.tracks.lobes.count or not len(chosen):
+            return tracks
+        lobes = tracks.lobes.replaced(chosen, self.tracks.lobes.select(chosen))
+        return replace(tracks, lobes=lobes)
+
+    @property
+    def lobe_paths(self) -> list[Sdf.Path]:
+        """The prims of the lobes."""
+        return [prim.GetPath() for prim in lobe_prims(self.rig)]
+
     def values(self, track: _Track) -> NDArray[np.float64] | None:
         """Return what an attribute is at every frame, or None where it has no value.  [F, K]."""
         if track.representation is not None:
@@ -145,7 +163,12 @@ class _Source:
 
 
 def write_edit_layer(
-    path: str | Path, source: str | Path, tracks: LobeTracks, edited: Collection[int]
+    path: str | Path,
+    source: str | Path,
+    tracks: LobeTracks,
+    edited: Collection[int],
+    muted: Collection[int] | None = None,
+    deleted: Collection[int] = (),
 ) -> WriteReport:
     """Write the edits of a stage's lobes as a layer over that stage.
 
@@ -156,8 +179,13 @@ def write_edit_layer(
     Args:
         path: Target: `.usda` is text, `.usdc` and `.usd` are crates.
         source: The stage that was edited.
-        tracks: Its tracks with the edits.
+        tracks: Its tracks with the edits: the lobes of the stage in their order, then those that
+            were added. What they are called is their `display_names`.
         edited: Indices of the lobes that were edited.
+        muted: Indices of the lobes that are muted and have their light in the tracks, as in
+            `Reading.unmuted`; all others are seen. None leaves what is muted as it is, and black
+            in the tracks, as in `Reading.tracks`.
+        deleted: Indices of the lobes that are deleted.
 
     Returns:
         Files and sample counts.
@@ -170,23 +198,42 @@ def write_edit_layer(
     check_tracks(tracks)
     check_target(path, LAYER_SUFFIXES)
     below = _Source(Path(source))
+    if muted is None:
+        muted, tracks = below.muted, below.unmuted(tracks, edited)
     _check_same(below, tracks, edited)
     _check_apart(path, below)
-    in_rig = as_written(tracks, below.placement)
-    differing = [track for track in _tracks(below, in_rig, edited) if _differs(below, track)]
+    count = below.tracks.lobes.count
+    changes = LobeChanges(
+        tracks,
+        as_written(tracks, below.placement),
+        tuple(index for index in range(count, tracks.lobes.count) if index not in deleted),
+        frozenset(muted),
+        frozenset(index for index in deleted if index < count),
+        frozenset(index for index in deleted if index >= count),
+    )
+    kept = [index for index in edited if index < count and index not in deleted]
+    differing = [track for track in _tracks(below, changes.in_rig, kept) if _differs(below, track)]
+    is_dark = changes.muted != below.muted or bool(changes.deleted)
     with staging.staged(path) as place, our_own():
         height, space = below.options.dome_height, space_for(below.options)
-        has_dome = differing and Representation.DOME in below.options.held
-        textures = staging.write_dome(in_rig, place, height, space) if has_dome else []
-        refill = differing and any(kind is cards.Kind.FILL for kind in below.kinds_of(edited))
-        fill = staging.write_fill(in_rig, below.kinds, place, space) if refill else []
-        built, author = _build(below, tracks, differing, {schema.DOME: textures, schema.FILL: fill})
+        changes_light = bool(differing or changes.added or is_dark)
+        kinds = changes.kinds(below.kinds)
+        has_dome = changes_light and Representation.DOME in below.options.held
+        textures = staging.write_dome(changes.lit, place, height, space) if has_dome else []
+        refill = changes_light and any(
+            kinds[index] is cards.Kind.FILL
+            for index in (*kept, *changes.added, *changes.deleted, *(changes.muted ^ below.muted))
+            if kinds
+        )
+        fill = staging.write_fill(changes.lit, kinds, place, space) if refill else []
+        images = {schema.DOME: textures, schema.FILL: fill}
+        built, author = _build(below, changes, differing, images)
         built.subLayerPaths = [reference(below.path, place.parent)]
         staging.export(built, place)
         _author_digests(built, place, differing)
         _check_findings(below, place)
         staging.export(built, place)
-        _check_lights(below, place, edited)
+        _check_lights(below, place, kept)
         built.subLayerPaths = [reference(below.path, path.parent)]
         staging.export(built, place)
         return staging.move_into_place(place, path, [*textures, *fill], author)
@@ -197,9 +244,8 @@ def _tracks(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> Iter
     chosen = sorted(edited)
     lobes = tracks.lobes.select(torch.tensor(chosen, dtype=torch.long))
     lobes = layer.continuous(to_stage(lobes, space_for(below.options)))
-    names = [prim.GetName() for prim in lobe_prims(below.rig)]
-    scope = below.rig.GetPath().AppendChild(schema.LOBES)
-    own = [scope.AppendChild(names[index]) for index in chosen]
+    paths = below.lobe_paths
+    own = [paths[index] for index in chosen]
     shot = Shot(lobes, np.asarray(tracks.frames, dtype=np.float64))
     for path, one in zip(own, shot.of_lobes(), strict=True):
         for name, values in layer.lobe_tracks(one.lobes).items():
@@ -250,20 +296,22 @@ def _differs(below: _Source, track: _Track) -> bool:
 
 def _build(
     below: _Source,
-    tracks: LobeTracks,
+    changes: LobeChanges,
     differing: list[_Track],
     images: Mapping[str, Sequence[Path]],
 ) -> tuple[Sdf.Layer, TrackAuthor]:
     built = with_metadata(below.stage.GetRootLayer())
     rig_path = below.rig.GetPath()
     rig = Sdf.CreatePrimInLayer(built, rig_path)
-    if tracks.metadata != below.tracks.metadata:
-        data = {"metadata": layer.metadata_text(tracks)}
+    if changes.tracks.metadata != below.tracks.metadata:
+        data = {"metadata": layer.metadata_text(changes.tracks)}
         rig.SetInfo("customData", {schema.CUSTOM_DATA: data})
-    author = TrackAuthor(tracks.frames)
+    author = TrackAuthor(changes.tracks.frames)
     for track in differing:
         prim = Sdf.CreatePrimInLayer(built, track.path.GetPrimPath())
         author.track(prim, track.path.name, track.values, track.tolerance, track.times)
+    author_states(built, below.lobe_paths, below.tracks, below.muted, changes)
+    author_added(built, author, below.rig, below.options, changes, below.kinds)
     owners = {schema.DOME: Representation.DOME, schema.FILL: Representation.CARDS}
     for name, files in images.items():
         if files:
@@ -298,7 +346,8 @@ def _check_lights(below: _Source, place: Path, edited: Collection[int]) -> None:
     names = {below.tracks.names[index] for index in edited}
     for change in read_stage(place).changes:
         prim = change.partition(":")[0]
-        if Sdf.Path(prim).name in names and "switched off" not in change:
+        said = ("switched off", "invisible")  # which the layer may say itself
+        if Sdf.Path(prim).name in names and not any(word in change for word in said):
             raise InputError(
                 f"{shown(below.path)}: {change}, by another program, which a layer of edits cannot "
                 f"undo; expected lights as written. Write a stage anew: asglight stitch "
@@ -315,9 +364,9 @@ def _check_same(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> 
         held.frames == tracks.frames
         and held.fps == tracks.fps
         and held.lobes.form is tracks.lobes.form
-        and held.lobes.count == tracks.lobes.count
+        and held.names == tracks.names[: held.lobes.count]
     )
-    rest = [index for index in range(tracks.lobes.count) if index not in set(edited)]
+    rest = [index for index in range(held.lobes.count) if index not in set(edited)]
     kept = torch.tensor(rest, dtype=torch.long)
     if not alike or any(
         not torch.equal(getattr(held.lobes.select(kept), name), values.to("cpu", torch.float32))

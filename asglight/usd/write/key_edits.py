@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom
 
 from asglight.errors import InputError
 from asglight.images.message import shown
@@ -37,7 +37,11 @@ from asglight.usd.write.staging import WriteReport
 
 
 def write_key_edits(
-    path: str | Path, source: str | Path, tracks: LobeTracks, edited: Collection[int]
+    path: str | Path,
+    source: str | Path,
+    tracks: LobeTracks,
+    edited: Collection[int],
+    dark: Collection[int] = (),
 ) -> WriteReport:
     """Write the edits of a stage's keys as a layer over that stage.
 
@@ -49,6 +53,7 @@ def write_key_edits(
         source: The stage that was edited.
         tracks: Its keys with the edits, in the order of `read_keys`.
         edited: Indices of the keys that were edited.
+        dark: Indices of those that are muted or deleted, which the layer makes invisible.
 
     Returns:
         Files and sample counts.
@@ -71,6 +76,7 @@ def write_key_edits(
             in_rig = as_written(tracks, placement_of(rig, tracks.frames))
             prims = lobe_prims(rig, schema.KEYS)
             built, author, paths = _built(rig, prims, options, in_rig, sorted(edited))
+            _author_dark(built, rig, [prims[index] for index in sorted(dark)])
         built.subLayerPaths = [reference(source, place.parent)]
         staging.export(built, place)
         composed, shown_rig = open_rig(place)
@@ -119,6 +125,15 @@ def _built(
             for name, values in light.tracks.items():
                 author.track(prim, name, values, layer.KEY_TOLERANCE, times)
     return built, author, paths
+
+
+def _author_dark(built: Sdf.Layer, rig: Usd.Prim, prims: list[Usd.Prim]) -> None:
+    """Make keys invisible."""
+    scope = place_of(rig, Representation.KEYS).AppendChild(schema.KEYS)
+    for prim in prims:
+        spec = Sdf.CreatePrimInLayer(built, scope.AppendChild(prim.GetName()))
+        kind = Sdf.ValueTypeNames.Token
+        Sdf.AttributeSpec(spec, schema.VISIBILITY, kind).default = UsdGeom.Tokens.invisible
 
 
 def _check_same(source: Path, tracks: LobeTracks, edited: Collection[int]) -> None:

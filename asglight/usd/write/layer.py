@@ -95,7 +95,9 @@ def build(
         _author_asset(rig, space, name)
         if len(options.held) > 1:
             _author_selection(rig, options)
-        _author_lobes(author, rig, tracks.names, shot.of_lobes())
+        scope = Sdf.PrimSpec(rig, schema.LOBES, Sdf.SpecifierDef, "Scope")
+        author_in(author, scope, tracks.names, shot.of_lobes())
+        author_display_names(scope, tracks)
         for representation, holder in _holders(rig, options).items():
             lights: list[TimedLights] = [((), author.frames)] * lobes.count
             if representation is Representation.CARDS:
@@ -106,7 +108,7 @@ def build(
             elif representation is Representation.KEYS and keys is not None:
                 _author_keys(author, holder, keys, options, space)
             kind = schema.LIGHT_TYPES[representation]
-            _author_lights(author, holder, kind, tracks.names, lights)
+            author_lights(author, holder, kind, tracks.names, lights)
             if representation is Representation.CARDS and cards.Kind.FILL in kinds:
                 _author_dome(author, holder, schema.FILL, images.fill, space)
             if representation is Representation.DOME:
@@ -246,15 +248,17 @@ def _custom_data(tracks: LobeTracks, options: StageOptions) -> dict[str, Any]:
     return data
 
 
-def _author_lobes(
-    author: TrackAuthor, rig: Sdf.PrimSpec, names: Sequence[str], lobes: Sequence[Sampled]
-) -> None:
-    _author_in(author, Sdf.PrimSpec(rig, schema.LOBES, Sdf.SpecifierDef, "Scope"), names, lobes)
+def author_display_names(scope: Sdf.PrimSpec, tracks: LobeTracks) -> None:
+    """Say what a person calls the lobes: USD's `displayName`, which other programs show."""
+    for name, shown in tracks.display_names.items():
+        if name in tracks.names:
+            _child(scope, name).SetInfo(schema.DISPLAY_NAME, shown)
 
 
-def _author_in(
+def author_in(
     author: TrackAuthor, scope: Sdf.PrimSpec, names: Sequence[str], lobes: Sequence[Sampled]
 ) -> None:
+    """Author what lobes are, as prims of a scope."""
     for name, one in zip(names, lobes, strict=True):
         tracks = lobe_tracks(one.lobes)
         lobe = Sdf.PrimSpec(scope, name, Sdf.SpecifierDef)
@@ -267,7 +271,7 @@ def _author_in(
         author_digest(lobe, digest_of_values(authored))
 
 
-def _author_lights(
+def author_lights(
     author: TrackAuthor,
     holder: Sdf.PrimSpec,
     type_name: str,
@@ -328,7 +332,7 @@ def _author_keys(
     scope = Sdf.PrimSpec(holder, schema.KEYS, Sdf.SpecifierDef, "Scope")
     if keys.lobes is not None:
         shot = Shot(continuous(to_stage(keys.lobes, space)), author.frames)
-        _author_in(author, scope, keys.names, shot.of_lobes())
+        author_in(author, scope, keys.names, shot.of_lobes())
         count = len(keys.names)
         if keys.lights is KeyLights.DISTANT:
             lights = distant_lights(shot, [False] * count)

@@ -3,12 +3,12 @@
 
 import moderngl
 
-SLOW_S = 1 / 48
-"""Half of a frame of film: balls that take longer are too fine. Without a GPU the rest of the
-window takes the other half."""
+SLOW_S = 1 / 72
+"""A third of a frame of film: balls that take longer are too fine. Without a GPU the rest of the
+window takes the other two thirds."""
 
-FAST_S = 1 / 200
-"""Balls that take less may be twice as fine: four times the pixels stay below SLOW_S."""
+FAST_S = SLOW_S / 5
+"""Balls that take less may be finer: four times the pixels, as from 2 to 1, stay below SLOW_S."""
 
 DIVISOR_MAX = 4
 """Coarser pictures would not show a highlight of a tenth of a ball any more."""
@@ -29,9 +29,9 @@ class Draft:
         if seconds is None:
             return
         if seconds > SLOW_S:
-            self.divisor = min(2 * self.divisor, DIVISOR_MAX)
+            self.divisor = min(self.divisor + 1, DIVISOR_MAX)
         elif seconds < FAST_S:
-            self.divisor = max(self.divisor // 2, 1)
+            self.divisor = max(self.divisor - 1, 1)
 
 
 class Stopwatch:

@@ -45,7 +45,10 @@ def fragment_shaders() -> list[str]:
 
 
 def expanded(
-    name: str, defines: Mapping[str, float] | None = None, folder: Path | None = None
+    name: str,
+    defines: Mapping[str, float] | None = None,
+    folder: Path | None = None,
+    before: str = "",
 ) -> ShaderSource:
     """Read a shader file and expand its includes.
 
@@ -53,6 +56,7 @@ def expanded(
         name: File name, relative to the folder.
         defines: Constants for `#define`.
         folder: Where the names start; by default `shader_folder()`.
+        before: GLSL that stands before the file's.
 
     Raises:
         ShaderError: A file is missing, or there is no `#version`.
@@ -65,7 +69,10 @@ def expanded(
     constants = [
         Line(f"#define {key} {value}", f"constant {key}") for key, value in (defines or {}).items()
     ]
-    return ShaderSource((version, *constants, *lines))
+    generated = [
+        Line(text, f"generated:{number}") for number, text in enumerate(before.splitlines(), 1)
+    ]
+    return ShaderSource((version, *constants, *generated, *lines))
 
 
 def program(

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keeps the inspector's numbers those of the frame, the edits and the view that are shown."""
 
-from asglight.viewer.gl.arrangement import cells, hit
+from asglight.viewer.gl.arrangement import cells, hit, strip
 from asglight.viewer.gl.renderer import Renderer
-from asglight.viewer.state.display import Comparison
 from asglight.viewer.state.inspector import inspect_ball, inspect_map
 from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Scene
 
 
 def inspect(state: ViewerState, renderer: Renderer, size: tuple[int, int]) -> None:
@@ -25,8 +25,11 @@ def inspect(state: ViewerState, renderer: Renderer, size: tuple[int, int]) -> No
     if probe.place == "map":
         state.inspected = inspect_map(state, probe.x, probe.y)
         return
+    if state.scene is Scene.GROUND:
+        state.inspected = state.probe = None
+        return
     columns, rows = size
-    rows = rows // 2 if state.shown is Comparison.ROWS else rows
+    rows = strip(rows, state.parts).rows
     found = hit(cells((columns, rows), len(state.balls)), probe.x * columns, probe.y * rows)
     if found is None:  # the balls lie elsewhere now
         state.inspected = state.probe = None

@@ -12,8 +12,11 @@ import numpy as np
 
 from asglight.lobes import Lobes
 from asglight.lobes.texels import texel_means
+from asglight.shading import ball_tables
+from asglight.shading.ball_tables import CameraMap
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.gl.balls_pass import BallsPass
+from asglight.viewer.gl.ground_pass import GroundPass
 from asglight.viewer.gl.passes import (
     BackgroundPass,
     LobesPass,
@@ -21,9 +24,12 @@ from asglight.viewer.gl.passes import (
     release_target,
     target_texture,
 )
-from asglight.viewer.gl.reference_cache import ReferenceCache
-from asglight.viewer.gl.reference_pass import ReferencePass
+from asglight.viewer.gl.reference.reference_cache import ReferenceCache
+from asglight.viewer.gl.reference.reference_pass import ReferencePass
+from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_tabled
+from asglight.viewer.state.compared.against import Lit
 from asglight.viewer.state.held import Held
+from asglight.viewer.state.shown import shown_lobes
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.uniforms.map_lobes import widened
 
@@ -34,14 +40,16 @@ LIT_ROWS = 512
 """Rows of the map that stands for the lobes in their integral: a texel of a third of a degree, as
 the sun is half a one wide."""
 
-SAMPLES_AT_ONCE = 8
-"""Samples of the reference between two pictures: with 16 a processor needs longer than the eye."""
+TEXEL_SAMPLES_AT_ONCE = 2_500_000
+"""Samples of all pixels together that the reference gains between two pictures of the window: a
+twentieth of a second on two cores without a GPU, which the eye still takes for continuous."""
 
-MOVING_SAMPLES = 2
-"""The same while something moves."""
+SAMPLES_LEAST, SAMPLES_MOST = 4, 64
+"""Samples of a pixel between two pictures however large they are, when fewer would take for ever,
+and however small."""
 
-KEPT_SAMPLES = 16
-"""A picture of fewer is as quickly made again."""
+KEPT_SAMPLES = 64
+"""A picture of fewer is as quickly made again, and noisier than one without samples."""
 
 CACHE_BYTES = 1 << 28
 """Memory for pictures of the reference: 80 of 1,000 x 200 pixels."""
@@ -82,13 +90,13 @@ class Layer:
         return True
 
 
-def camera_key(state: ViewerState) -> tuple[float, ...]:
+def camera_key(state: Lit) -> tuple[float, ...]:
     """Return what a rotation depends on."""
     camera = state.camera
     return camera.yaw_deg, camera.pitch_deg, camera.environment_deg
 
 
-def lobes_key(state: ViewerState) -> tuple[Any, ...]:
+def lobes_key(state: Lit) -> tuple[Any, ...]:
     """Return what the light depends on."""
     return Held(state.tracks), state.playback.time, state.lit
 
@@ -101,7 +109,7 @@ class ClosedForm(Layer):
         super().__init__(context)
         self._pass = BallsPass(context, albedo_table)
 
-    def draw(self, state: ViewerState, size: tuple[int, int]) -> None:
+    def draw(self, state: Lit, size: tuple[int, int]) -> None:
         """Bring the layer up to date."""
         balls = state.balls
         if self.needs((lobes_key(state), camera_key(state), balls), size):
@@ -112,6 +120,24 @@ class ClosedForm(Layer):
             self._pass.draw(state.lit_lobes, balls, rotation, arrangement, self._target)
 
 
+class Ground(Layer):
+    """A ball and a post on the ground, lit by the lobes; of a keyed stage too, by all of them."""
+
+    def __init__(self, context: moderngl.Context, albedo_table: moderngl.Texture) -> None:
+        """Compile the passes."""
+        super().__init__(context)
+        self._pass = GroundPass(context, BallsPass(context, albedo_table))
+
+    def draw(self, state: ViewerState, size: tuple[int, int]) -> None:
+        """Bring the layer up to date."""
+        ball = state.balls[state.ground_ball]
+        if self.needs((lobes_key(state), camera_key(state), ball), size):
+            lobes, playback = state.lit_lobes, state.playback
+            if state.keyed is not None:
+                lobes = shown_lobes(Held(state.keyed.lobes), playback.index, playback.part)
+            self._pass.draw(lobes, ball, state.camera, self._target)
+
+
 class LobesMap(Layer):
     """The lobes as a latlong map."""
 
@@ -120,7 +146,7 @@ class LobesMap(Layer):
         super().__init__(context)
         self._pass = LobesPass(context)
 
-    def draw(self, state: ViewerState) -> None:
+    def draw(self, state: Lit) -> None:
         """Bring the layer up to date."""
         rows = MAP_ROWS // 2 if state.is_moving else MAP_ROWS
         if self.needs(lobes_key(state), (2 * rows, rows)):
@@ -137,7 +163,7 @@ class Background(Layer):
         self._pass = background_pass
 
     def draw(
-        self, state: ViewerState, latlong: moderngl.Texture, version: int, size: tuple[int, int]
+        self, state: Lit, latlong: moderngl.Texture, version: int, size: tuple[int, int]
     ) -> None:
         """Bring the layer up to date with a map and its version."""
         if self.needs((Held(latlong), version, camera_key(state)), size):
@@ -174,44 +200,116 @@ class ReferenceMap:
         self._image = image
         self.version += 1
 
+    def filter_levels(self) -> None:
+        """Make the map's levels, and filter between them from now on."""
+        self._texture.build_mipmaps()  # boxes of texels: near a pole not of even solid angles
+
+    def filter_linearly(self) -> None:
+        """Leave the levels out again."""
+        _wraps(self._texture)
+
+
+class Preview(Layer):
+    """Balls lit by a map without samples: rough ones from tables, others from the map's levels."""
+
+    def __init__(self, context: moderngl.Context, albedo_table: moderngl.Texture) -> None:
+        """Compile the pass."""
+        super().__init__(context)
+        self._pass = SmoothBalls(context, albedo_table)
+
+    def draw(
+        self,
+        state: ViewerState,
+        image: np.ndarray,
+        latlong: ReferenceMap,
+        name: Hashable,
+        size: tuple[int, int],
+    ) -> None:
+        """Bring the layer up to date; arguments as of `Integral.draw`."""
+        balls = state.balls
+        if not self.needs((name, camera_key(state), balls), size):
+            return
+        rotation = state.camera.from_environment()
+        seen = CameraMap(image, rotation)
+        irradiance = self._pass.table(seen.shown(ball_tables.cosines()).numpy())
+        latlong.upload(image)
+        latlong.filter_levels()
+        self._target.use()
+        self._target.clear()
+        for ball, cell in zip(balls, cells(size, len(balls)), strict=True):
+            if is_tabled(ball):
+                shown = ball_tables.ball(seen, ball.roughness, ball.f0, ball.albedo)
+                table = self._pass.table(shown)
+                self._pass.draw_table(table, cell, self._target)
+                table.release()
+            else:
+                self._pass.draw_levels(
+                    ball, latlong.texture, irradiance, rotation, cell, self._target
+                )
+        irradiance.release()
+        latlong.filter_linearly()
+
 
 class Integral:
-    """Balls lit by a map, by the integral over it, a few samples with every picture."""
+    """Balls lit by a map, by the integral over it, a few samples with every picture.
+
+    While something moves, and until there are samples enough, it is a preview that has no noise.
+    """
 
     def __init__(self, context: moderngl.Context, albedo_table: moderngl.Texture) -> None:
         """Compile the pass."""
         self._pass = ReferencePass(context, albedo_table)
+        self._preview = Preview(context, albedo_table)
+        self._is_preview = True
         self._cache = ReferenceCache(CACHE_BYTES)
         self._image: np.ndarray | None = None
         self._key: Hashable = None
-        self.version = 0
+        self._sampled = 0
+        self.progress = 0.0
+
+    @property
+    def version(self) -> int:
+        """Counts what was drawn."""
+        return self._sampled + self._preview.version
 
     @property
     def texture(self) -> moderngl.Texture:
         """The picture so far."""
-        return self._pass.texture
-
-    @property
-    def samples(self) -> int:
-        """Samples of each pixel in the picture so far."""
-        return self._pass.samples
-
-    @property
-    def progress(self) -> float:
-        """Share of the samples that make a finished picture."""
-        return self._pass.samples / self._pass.target_samples
+        return self._preview.texture if self._is_preview else self._pass.texture
 
     def draw(
-        self, state: ViewerState, image: np.ndarray, name: Hashable, size: tuple[int, int]
+        self,
+        state: ViewerState,
+        image: np.ndarray,
+        latlong: ReferenceMap,
+        name: Hashable,
+        size: tuple[int, int],
     ) -> None:
-        """Add samples to the picture of a map.
+        """Bring the picture of a map up to date, or add samples to it.
+
+        `progress` is the share of the samples that make a finished picture; in motion there are
+        none.
 
         Args:
             state: The session.
             image: The map.  [H, W, 3]
+            latlong: Its texture, which takes the image where it is needed.
             name: What tells it from other maps, now and later.
             size: Columns and rows.
         """
+        self._is_preview = state.is_moving
+        self.progress = 1.0
+        if not state.is_moving:
+            self._sample(state, image, name, size)
+            self._is_preview = self._pass.samples < KEPT_SAMPLES
+            self.progress = self._pass.samples / self._pass.target_samples
+        if self._is_preview:
+            self._preview.draw(state, image, latlong, name, size)
+
+    def _sample(
+        self, state: ViewerState, image: np.ndarray, name: Hashable, size: tuple[int, int]
+    ) -> None:
+        """Add samples to the picture of a map."""
         if image is not self._image:
             self._pass.set_map(image)
             self._image = image
@@ -219,8 +317,14 @@ class Integral:
         if key != self._key:
             self._turn_to(key, state, size)
         before = self._pass.samples
-        self._pass.accumulate(MOVING_SAMPLES if state.is_moving else SAMPLES_AT_ONCE)
-        self.version += self._pass.samples != before
+        sampled = [
+            cell.size**2
+            for ball, cell in zip(state.balls, cells(size, len(state.balls)), strict=True)
+            if not is_tabled(ball)
+        ]
+        wanted = TEXEL_SAMPLES_AT_ONCE // max(sum(sampled), 1)
+        self._pass.accumulate(min(max(wanted, SAMPLES_LEAST), SAMPLES_MOST))
+        self._sampled += self._pass.samples != before
 
     def _turn_to(self, key: Hashable, state: ViewerState, size: tuple[int, int]) -> None:
         """Put the picture away and go on with another, which may be a new one."""
@@ -231,7 +335,7 @@ class Integral:
             if worth_keeping:
                 self._cache.put(self._key, put_away)
             else:
-                release_target(put_away.target)
+                put_away.release()
         found = self._cache.take(key)
         if found is not None:
             self._pass.resume(found)
@@ -239,7 +343,7 @@ class Integral:
             rotation = state.camera.from_environment()
             self._pass.restart(state.balls, rotation, cells(size, len(state.balls)), size)
         self._key = key
-        self.version += 1
+        self._sampled += 1
 
 
 def _wraps(texture: moderngl.Texture) -> None:

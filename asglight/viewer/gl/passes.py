@@ -8,7 +8,7 @@ Symbols: N lobes; H, W rows and columns of a target, sizes written (W, H) as Ope
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import moderngl
 import numpy as np
@@ -16,25 +16,11 @@ import numpy as np
 from asglight import shader_files
 from asglight.lobes import Lobes
 from asglight.viewer.gl import glsl
-from asglight.viewer.state.display import Comparison, Display, ViewTransform
 from asglight.viewer.state.viewer_state import MAX_LOBES
-from asglight.viewer.uniforms.shader_defines import DEFINES, SURROUND
+from asglight.viewer.uniforms.shader_defines import DEFINES
 
-STOPS_SCALE = "viridis"
-"""matplotlib's name of the false-colour scale: even steps, also for colour-blind eyes."""
-
-DIVERGING_SCALE = "RdBu_r"
-"""matplotlib's name of the scale of differences: white where equal, red where the fit is larger."""
-
-_NO_SCALE = "none"
-
-_DISPLAY_TEXTURES = (
-    "u_scale",
-    "u_fit",
-    "u_fit_background",
-    "u_reference",
-    "u_reference_background",
-)
+Area = tuple[int, int, int, int]
+"""x, y, columns and rows of a part of a target; row 0 is the top."""
 
 _HEADER = np.dtype([("count", "<i4"), ("form", "<i4"), ("padding", "<i4", 2)])
 _LOBE = np.dtype(
@@ -51,11 +37,18 @@ _BLOCK_BYTES = _HEADER.itemsize + MAX_LOBES * _LOBE.itemsize
 
 
 def pass_program(
-    context: moderngl.Context, fragment: str, special: Mapping[str, float] | None = None
+    context: moderngl.Context,
+    fragment: str,
+    special: Mapping[str, float] | None = None,
+    before: str = "",
 ) -> moderngl.Program:
-    """Compile the pass of a fragment shader in shaders/, with constants of one scene if any."""
+    """Compile the pass of a fragment shader in shaders/, with constants of one scene if any.
+
+    `before` is GLSL that it calls, if any.
+    """
     vertex = glsl.expanded(shader_files.VERTEX_SHADER)
-    return glsl.program(context, vertex, glsl.expanded(fragment, {**DEFINES, **(special or {})}))
+    defines = {**DEFINES, **(special or {})}
+    return glsl.program(context, vertex, glsl.expanded(fragment, defines, before=before))
 
 
 def radiance_target(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Framebuffer:
@@ -65,7 +58,9 @@ def radiance_target(context: moderngl.Context, size: tuple[int, int]) -> moderng
 
 def display_target(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Framebuffer:
     """Return a target for sRGB, RGBA8."""
-    return context.framebuffer([context.texture(size, 4)])
+    texture = context.texture(size, 4)
+    texture.filter = moderngl.NEAREST, moderngl.NEAREST  # a texel is a pixel, magnified or not
+    return context.framebuffer([texture])
 
 
 def target_texture(target: moderngl.Framebuffer) -> moderngl.Texture:
@@ -163,110 +158,11 @@ class Picture(NamedTuple):
     background: moderngl.Texture | None = None
 
 
-class DisplayPass:
-    """Linear radiance -> exposure, view transform, sRGB (shaders/display.frag)."""
-
-    def __init__(self, context: moderngl.Context) -> None:
-        """Prepare the pass; a program is compiled when a view first needs it."""
-        self._context = context
-        self._triangles: dict[tuple[bool, ViewTransform], moderngl.VertexArray] = {}
-        self._scales: dict[str, moderngl.Texture] = {}
-
-    def draw(
-        self,
-        fit: Picture,
-        reference: Picture | None,
-        display: Display,
-        comparison: Comparison,
-        target: moderngl.Framebuffer,
-        *,
-        gain_ev: float = 0.0,
-        wipe: float = 0.5,
-        area: tuple[int, int, int, int] | None = None,
-    ) -> None:
-        """Draw one picture, or two compared, into a display target.
-
-        Args:
-            fit: Shown by FIT, and left of a wipe.
-            reference: Shown by REFERENCE, and right of a wipe; not needed by FIT.
-            display: How radiance is shown.
-            comparison: Which of them; ROWS is two draws, of FIT and of REFERENCE.
-            target: A display target.
-            gain_ev: Stops added to the exposure: the environment's intensity.
-            wipe: Share of the columns left of the wipe.
-            area: x, y, columns and rows of the target to fill; row 0 is the top. All by default.
-        """
-        compares = comparison in (Comparison.WIPE, Comparison.DIFFERENCE, Comparison.RATIO)
-        first = reference if comparison is Comparison.REFERENCE else fit
-        assert first is not None
-        pictures = [first]
-        values: dict[str, Any] = {
-            "u_area": tuple(map(float, area or (0, 0, *target.size))),
-            "u_exposure_ev": display.exposure_ev + gain_ev,
-            "u_channel": shader_files.enum_number(display.channel),
-            "u_zebra": display.zebra,
-        }
-        if compares:
-            assert reference is not None
-            pictures.append(reference)
-            values |= {"u_comparison": shader_files.enum_number(comparison), "u_wipe": wipe}
-        values["u_has_background"] = all(picture.background for picture in pictures)
-        triangle = self._triangle(compares, display.transform)
-        self._scale(_scale_name(display, comparison)).use(location=0)
-        for unit, picture in enumerate(pictures):
-            picture.front.use(location=2 * unit + 1)
-            # Without a background the front stands in: it is bound and not used.
-            (picture.background or picture.front).use(location=2 * unit + 2)
-        for name, value in values.items():
-            if name in triangle.program:  # a view leaves out what it has no use for
-                triangle.program[name] = value
-        cover(self._context, triangle, target, area)
-
-    def _triangle(self, compares: bool, transform: ViewTransform) -> moderngl.VertexArray:
-        """Return the program of a view, with what it draws; compile it if it is new."""
-        key = compares, transform
-        if key not in self._triangles:
-            special = {"TRANSFORM": shader_files.enum_number(transform)}
-            if compares:
-                special["COMPARES"] = 1
-            program = pass_program(self._context, "display.frag", special)
-            for unit, name in enumerate(_DISPLAY_TEXTURES):
-                if name in program:
-                    program[name] = unit
-            program["u_surround"] = SURROUND
-            self._triangles[key] = self._context.vertex_array(program, [])
-        return self._triangles[key]
-
-    def _scale(self, name: str) -> moderngl.Texture:
-        """Return a colour scale of matplotlib as one row of sRGB."""
-        if name not in self._scales:
-            colours = scale_colours(name)
-            texture = self._context.texture((len(colours), 1), 3, colours.tobytes(), alignment=1)
-            texture.repeat_x = False
-            self._scales[name] = texture
-        return self._scales[name]
-
-
-def scale_colours(name: str) -> np.ndarray:
-    """Return 256 sRGB colours of a colour scale, 8 bits; one grey where none is needed.  [., 3]."""
-    if name == _NO_SCALE:
-        return np.zeros((1, 3), np.uint8)
-    import matplotlib  # slow to import, and needed for false colour only
-
-    return matplotlib.colormaps[name](np.arange(256), bytes=True)[:, :3].copy()
-
-
-def _scale_name(display: Display, comparison: Comparison) -> str:
-    if comparison in (Comparison.DIFFERENCE, Comparison.RATIO):
-        return DIVERGING_SCALE
-    return STOPS_SCALE if display.transform is ViewTransform.FALSE_COLOUR else _NO_SCALE
-
-
 def cover(
     context: moderngl.Context,
     triangle: moderngl.VertexArray,
     target: moderngl.Framebuffer,
-    area: tuple[int, int, int, int] | None = None,
+    area: Area | None = None,
 ) -> None:
     """Draw over a target or an area of it, whatever state the last user of the context left."""
     target.use()

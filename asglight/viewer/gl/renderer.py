@@ -1,20 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The layers put together: what is shaded, what is only shown anew, and how fine while it moves."""
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import astuple, dataclass
+from typing import Any, Literal
 
 import moderngl
 import numpy as np
 
+from asglight.errors import InputError
+from asglight.viewer.colour import opencolorio
+from asglight.viewer.gl.against import AgainstLayers
 from asglight.viewer.gl.albedo_table import albedo_table
-from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.gl.arrangement import cells, drawn_areas, strip
 from asglight.viewer.gl.compare import ball_errors
+from asglight.viewer.gl.display_pass import DisplayPass
 from asglight.viewer.gl.draft import Draft, Stopwatch
-from asglight.viewer.gl.keyed import KeyedBalls, KeyedMap
+from asglight.viewer.gl.keyed_light.balls import KeyedBalls
+from asglight.viewer.gl.keyed_light.map import KeyedMap
 from asglight.viewer.gl.layers import (
     Background,
     ClosedForm,
+    Ground,
     Integral,
     LobesMap,
     ReferenceMap,
@@ -23,15 +29,18 @@ from asglight.viewer.gl.layers import (
     lobes_key,
 )
 from asglight.viewer.gl.passes import (
+    Area,
     BackgroundPass,
-    DisplayPass,
     Picture,
     display_target,
     release_target,
 )
-from asglight.viewer.state.display import Comparison, Subject
+from asglight.viewer.gl.scopes import Scoped, Scopes
+from asglight.viewer.state.display import Comparison, Subject, ViewTransform
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Scene, ScopePlace, ScopeSide
+from asglight.viewer.uniforms.shader_defines import SURROUND
 
 
 @dataclass
@@ -55,10 +64,12 @@ class Renderer:
         self._context = context
         self._albedo_table = albedo_table(context)
         self._closed_form = ClosedForm(context, self._albedo_table)
+        self._ground = Ground(context, self._albedo_table)
         self._lobes_map = LobesMap(context)
         self._keyed_map = KeyedMap(context)
         self._keyed_balls: KeyedBalls | None = None
         self._reference_map = ReferenceMap(context)
+        self._lit_map = ReferenceMap(context)
         self._display = DisplayPass(context)
         self._blank = context.texture((1, 1), 4, bytes(16), dtype="f4")
         background_pass = BackgroundPass(context)
@@ -69,9 +80,13 @@ class Renderer:
         self._integrals: dict[bool, Integral] = {}
         self._lobes_image: tuple[Any, np.ndarray] | None = None
         self._shown = {name: _Shown(context) for name in ("balls", "map")}
+        self._against: AgainstLayers | None = None
         self._last: tuple[Picture, Picture | None] | None = None
+        self._last_map: tuple[Picture, Picture | None] | None = None
+        self._scopes = Scopes(context)
+        self._truth: Picture | None = None
         self._pixel: tuple[Any, tuple[np.ndarray | None, np.ndarray | None]] | None = None
-        self._errors: tuple[Any, list[float | None]] | None = None
+        self._errors: dict[bool, tuple[Any, list[float | None]]] = {}
         self._light: Any = None
         self._is_draft = False
         self._draft = Draft()
@@ -94,7 +109,7 @@ class Renderer:
         Returns:
             Its target, sRGB.
         """
-        rows = max(1, size[1] // 2) if state.shown is Comparison.ROWS else size[1]
+        rows = strip(size[1], state.parts).rows
         if not self._wants_draft(state):
             self._last = self._pair(state, (size[0], rows))
         else:
@@ -105,7 +120,7 @@ class Renderer:
 
     def _wants_draft(self, state: ViewerState) -> bool:
         """Tell whether the light moves: an exposure that is dragged shades nothing anew."""
-        light = lobes_key(state), camera_key(state), state.balls
+        light = lobes_key(state), camera_key(state), state.balls, state.scene, state.ground_ball
         moves = state.is_moving and (light != self._light or self._is_draft)
         self._light, self._is_draft = light, moves
         return moves
@@ -123,12 +138,36 @@ class Renderer:
         if state.shown_map is not Comparison.REFERENCE:
             lights_map.draw(state)
         reference = None if state.references is None else Picture(self._blank)
-        if state.reference_image is not None:
+        if state.subject is Subject.AGAINST:
+            reference = self._of_b.map(state)
+        elif state.reference_image is not None:
             self._reference_map.upload(state.reference_image)
             reference = Picture(self._reference_map.texture)
-        pair = Picture(lights_map.texture), reference
-        versions = lights_map.version, self._reference_map.version
+        pair = self._last_map = Picture(lights_map.texture), reference
+        versions = lights_map.version, self._reference_map.version, *self._of_b_versions
         return self._bring("map", state, state.shown_map, pair, versions, size)
+
+    def scoped(self, state: ViewerState) -> Scoped | None:
+        """Measure a picture as it was drawn last; while something moves the last one stays."""
+        of_map = self._map_of(state).version
+        versions = *self._versions(), of_map, self._reference_map.version
+        return self._scopes.measured(state, self._measured(state), versions)
+
+    def _measured(self, state: ViewerState) -> moderngl.Texture | None:
+        """Return the radiance that is to be measured, also where it is not shown."""
+        scope = state.scope
+        if scope.place is ScopePlace.MAP and scope.side is ScopeSide.FIT:
+            lights_map = self._map_of(state)
+            lights_map.draw(state)
+            return lights_map.texture
+        index = 0 if scope.side is ScopeSide.FIT else 1
+        pair = self._last if scope.place is ScopePlace.BALLS else self._last_map
+        picture = None if pair is None else pair[index]
+        return None if picture is None else picture.front
+
+    def shown(self, name: Literal["balls", "map"]) -> moderngl.Framebuffer:
+        """Return a panel's picture as it was drawn last."""
+        return self._shown[name].target
 
     def _map_of(self, state: ViewerState) -> LobesMap | KeyedMap:
         """Return the map of the lights."""
@@ -146,7 +185,7 @@ class Renderer:
 
         Args:
             x: Share of the columns, from the left.
-            y: Share of the rows of one row of balls, from the top.
+            y: Share of the rows of the strip of balls, from the top.
 
         Returns:
             Linear RGB each, without the environment's intensity; None where there is no ball.
@@ -165,11 +204,16 @@ class Renderer:
             self._pixel = key, self.pixel(x, y)
         return self._pixel[1]
 
-    def ball_errors(self, state: ViewerState) -> list[float | None] | None:
-        """Return the relative L1 error of each ball of the pair that is compared.
+    def ball_errors(self, state: ViewerState, *, of_b: bool = False) -> list[float | None] | None:
+        """Return the relative L1 error of each ball: of the fit against what it is compared with.
 
-        Read anew each time the reference has gained a quarter of its samples, since reading waits
-        for the GPU.
+        Of A and B both are held against the HDRI; where there is none, A is held against B. Read
+        anew each time the reference has gained a quarter of its samples, since reading waits for
+        the GPU.
+
+        Args:
+            state: The session.
+            of_b: Whether those of B are asked for.
 
         Returns:
             One number for each ball, None for a ball whose reference is black; None in place of
@@ -177,18 +221,22 @@ class Renderer:
         """
         quarter = int(4 * self.reference_progress)
         fit, reference = self._last or (None, None)
+        if state.subject is Subject.AGAINST and state.references is not None:
+            fit, reference = reference if of_b else fit, self._truth
+        elif of_b:
+            return None
         waits = quarter == 0 or state.is_moving or not state.is_fitted
         if fit is None or reference is None or waits:
             return None
         if fit.front.size != reference.front.size:  # the reference is still being read
             return None
-        key = (lobes_key(state), camera_key(state), state.balls, state.compared.subject)
-        key = (*key, Held(state.reference_image), fit.front.size, quarter)
-        if self._errors is None or self._errors[0] != key:
+        key = (lobes_key(state), camera_key(state), state.balls, state.subject)
+        key = (*key, Held(state.reference_image), Held(state.against), fit.front.size, quarter)
+        if of_b not in self._errors or self._errors[of_b][0] != key:
             arrangement = cells(fit.front.size, len(state.balls))
             errors = ball_errors(_pixels(fit.front), _pixels(reference.front), arrangement)
-            self._errors = key, errors
-        return self._errors[1]
+            self._errors[of_b] = key, errors
+        return self._errors[of_b][1]
 
     def radiance(self, state: ViewerState) -> np.ndarray:
         """Return the balls as they were drawn last, before any view: linear, unexposed.
@@ -208,31 +256,33 @@ class Renderer:
         if reference is None:
             reference = np.zeros_like(fit)
         if shown is Comparison.ROWS:
-            picture = np.concatenate([fit, reference])
-        elif shown is Comparison.WIPE:
-            at = round(state.compared.wipe * fit.shape[1])
-            picture = np.concatenate([fit[:, :at], reference[:, at:]], axis=1)
-        elif shown is Comparison.RATIO:
-            picture = fit / np.maximum(reference, np.finfo(np.float32).tiny)
-        elif shown is Comparison.DIFFERENCE:
-            picture = fit - reference
+            truth = [] if self._truth is None else [_composed(self._truth)]
+            picture = np.concatenate([fit, reference, *truth])
         else:
-            picture = fit if shown is Comparison.FIT else reference
+            single = _compared(shown, fit, reference, state.compared.wipe)
+            top, rows = strip(self.shown_balls.height, state.parts)
+            picture = np.zeros((self.shown_balls.height, *single.shape[1:]), np.float32)
+            picture[top : top + rows] = single
         return picture * np.float32(2.0**state.environment.intensity_ev)
 
     def _pair(self, state: ViewerState, size: tuple[int, int]) -> tuple[Picture, Picture | None]:
         """Bring both layers up to date and return them."""
-        subject = state.compared.subject
+        self._truth = None
+        if state.scene is Scene.GROUND:
+            self._ground.draw(state, size)
+            self.reference_progress = 1.0
+            return Picture(self._ground.texture), None
+        subject = state.subject
         image = state.reference_image
+        self._truth = None
+        if subject is Subject.AGAINST:
+            return self._against_pair(state, size)
         of_fit, of_reference = self._background_textures(state, size, image)
         self.reference_progress = 1.0
         if image is not None and subject is Subject.FIT:
             front = self._integral(state, size, image, of_lobes=True)
-        elif state.keyed is not None:
-            front = self._of_keys(state, size)
         else:
-            self._closed_form.draw(state, size)
-            front = self._closed_form.texture
+            front = self._front(state, size)
         fit = Picture(front, of_fit)
         if state.shown is Comparison.FIT:
             return fit, None
@@ -245,13 +295,47 @@ class Renderer:
         reference = self._integral(state, size, image, of_lobes=of_lobes)
         return fit, Picture(reference, of_fit if of_lobes else of_reference)
 
-    def _of_keys(self, state: ViewerState, size: tuple[int, int]) -> moderngl.Texture:
-        """Add samples to the balls under keys and rest, and return them."""
+    def _front(self, state: ViewerState, size: tuple[int, int]) -> moderngl.Texture:
+        """Bring the balls under the lights up to date, and return them."""
+        if state.keyed is None:
+            self._closed_form.draw(state, size)
+            self.reference_progress = 1.0
+            return self._closed_form.texture
         if self._keyed_balls is None:
             self._keyed_balls = KeyedBalls(self._context, self._albedo_table)
         self._keyed_balls.draw(state, self._closed_form, size)
         self.reference_progress = self._keyed_balls.progress
         return self._keyed_balls.texture
+
+    def _against_pair(
+        self, state: ViewerState, size: tuple[int, int]
+    ) -> tuple[Picture, Picture | None]:
+        """Bring the balls of A and of B up to date, and those of the HDRI, the truth of both."""
+        image = state.reference_image
+        of_fit, of_reference = self._background_textures(state, size, image)
+        of_a = self._front(state, size)
+        if state.references is not None:
+            front = self._blank
+            if image is None or not self.displayed:  # as in `_pair`
+                if image is not None:
+                    self.reference_progress = 0.0
+            else:
+                front = self._integral(state, size, image, of_lobes=False)
+            self._truth = Picture(
+                front, self._blank if of_fit and not of_reference else of_reference
+            )
+        return Picture(of_a, of_fit), self._of_b.balls(state, size)
+
+    @property
+    def _of_b(self) -> AgainstLayers:
+        """The layers of B, made when they are first needed."""
+        if self._against is None:
+            self._against = AgainstLayers(self._context, self._albedo_table)
+        return self._against
+
+    @property
+    def _of_b_versions(self) -> tuple[int, ...]:
+        return () if self._against is None else self._against.versions
 
     def _integral(
         self, state: ViewerState, size: tuple[int, int], image: np.ndarray, *, of_lobes: bool
@@ -270,7 +354,8 @@ class Renderer:
                 self._keyed_map.draw(state)
                 image, name = self._keyed_map.image, ("keys", key, Held(self._keyed_map.image))
         layer = self._integrals[of_lobes]
-        layer.draw(state, image, name, size)
+        latlong = self._lit_map if of_lobes else self._reference_map
+        layer.draw(state, image, latlong, name, size)
         self.reference_progress = min(self.reference_progress, layer.progress)
         return layer.texture
 
@@ -300,8 +385,9 @@ class Renderer:
 
     def _versions(self) -> tuple[int, ...]:
         keyed = () if self._keyed_balls is None else (self._keyed_balls,)
-        layers = (self._closed_form, *keyed, *self._backgrounds, *self._integrals.values())
-        return tuple(layer.version for layer in layers)
+        own = (self._closed_form, self._ground, *keyed)
+        layers = (*own, *self._backgrounds, *self._integrals.values())
+        return *(layer.version for layer in layers), *self._of_b_versions
 
     def _bring(
         self,
@@ -313,32 +399,51 @@ class Renderer:
         size: tuple[int, int],
     ) -> moderngl.Framebuffer:
         """Draw pictures in the screen's colours, if they or what is wanted of them changed."""
+        _leave_unusable_view(state)
         fit, reference = pair
         comparison = Comparison.FIT if reference is None else wanted
         wipe = state.compared.wipe if name == "balls" else state.map_view.wipe
         shown = self._shown[name]
-        textures = tuple(map(Held, (*fit, *(reference or ()))))
-        key = (textures, versions, *_display_key(state), comparison, wipe)
+        truth = self._truth if name == "balls" else None
+        frame = astuple(state.map_frame) if name == "map" else None
+        textures = tuple(map(Held, (*fit, *(reference or ()), *(truth or ()))))
+        key = (textures, versions, *_display_key(state), comparison, wipe, frame)
         if not shown.needs(key, size):
             return shown.target
         columns, rows = size
-        parts: list[tuple[Comparison, tuple[int, int, int, int] | None]] = [(comparison, None)]
+        parts: list[tuple[Comparison, Area]] = [(comparison, (0, 0, columns, rows))]
         if comparison is Comparison.ROWS:
-            half = rows // 2
+            count = 2 if truth is None else 3
+            each = rows // count
             parts = [
-                (Comparison.FIT, (0, 0, columns, half)),
-                (Comparison.REFERENCE, (0, half, columns, rows - half)),
+                (Comparison.FIT, (0, 0, columns, each)),
+                (Comparison.REFERENCE, (0, each, columns, each)),
             ]
-        for part, area in parts:
+            if truth is not None:
+                parts.append((Comparison.REFERENCE, (0, 2 * each, columns, each)))
+        elif name == "balls":
+            top, height = strip(rows, state.parts)
+            parts = [(comparison, (0, top, columns, height))]
+        else:
+            x, y, wide, high = map(round, state.map_frame.area(columns, rows))
+            parts = [(comparison, (x, y, wide, high))]
+        is_row = name == "balls" and state.scene is Scene.BALLS
+        is_sparse = is_row and fit.background is None
+        shown.target.clear(*SURROUND, 1.0)
+        for place, (part, area) in enumerate(parts):
+            within = [(0, 0, columns, rows)] if name == "map" else None
+            if is_sparse:
+                within = drawn_areas(fit.front.size, len(state.balls), area)
             self._display.draw(
                 fit,
-                reference,
+                truth if place == 2 else reference,
                 state.display,
                 part,
                 shown.target,
                 gain_ev=state.environment.intensity_ev,
                 wipe=wipe,
                 area=area,
+                within=within,
             )
         self.displayed += 1
         return shown.target
@@ -364,9 +469,35 @@ class _Shown:
         return changed
 
 
+def _leave_unusable_view(state: ViewerState) -> None:
+    """Go back to sRGB, and say why, where a view of OpenColorIO cannot be had (any more)."""
+    display = state.display
+    if display.transform is not ViewTransform.OPENCOLORIO:
+        return
+    try:
+        opencolorio.view_shader(display.colour_view)
+    except InputError as error:
+        state.message = str(error)
+        display.transform = ViewTransform.SRGB
+
+
+def _compared(shown: Comparison, fit: np.ndarray, reference: np.ndarray, wipe: float) -> np.ndarray:
+    """Return the radiance of one picture of two.  [H, W, 3]."""
+    at = round(wipe * fit.shape[1])
+    if shown is Comparison.WIPE:
+        return np.concatenate([fit[:, :at], reference[:, at:]], axis=1)
+    if shown is Comparison.DIFFERENCE:
+        return fit - reference
+    if shown is Comparison.RATIO:
+        with np.errstate(over="ignore"):  # over black it is infinite
+            return fit / np.maximum(reference, np.finfo(np.float32).tiny)
+    return fit if shown is Comparison.FIT else reference
+
+
 def _display_key(state: ViewerState) -> tuple[Any, ...]:
     display = state.display
     values = (display.exposure_ev, display.transform, display.channel, display.zebra)
+    values = (*values, display.colour_view)
     return (*values, state.environment.intensity_ev)
 
 

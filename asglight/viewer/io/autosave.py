@@ -2,31 +2,50 @@
 """Unsaved edits of a stage on disk, so that the end of a program or a machine loses none.
 
 Edits are kept as what was done, not as the lights that follow: a drag writes a kilobyte, and what
-is restored can be undone step by step.
+is restored can be undone step by step. Each window has a file of its own, which it holds locked:
+the system lets go of the lock when the program ends, however it ends.
 """
 
 import hashlib
+import itertools
 import json
 import os
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
 
 from asglight.errors import InputError
 from asglight.images.output import written_beside
 from asglight.lobes import LobeTracks
-from asglight.viewer.state.edits import Edit
+from asglight.viewer.state.edits.edit import (
+    Add,
+    AnyEdit,
+    Delete,
+    Edit,
+    Mute,
+    Rename,
+    Restore,
+    Span,
+)
+from asglight.viewer.state.edits.history import Step
+
+_KINDS: dict[str, type[AnyEdit]] = {
+    kind.__name__.lower(): kind for kind in (Edit, Mute, Delete, Restore, Rename, Add)
+}
 
 
 class Autosave:
-    """The file that holds the unsaved edits of one stage.
+    """The file that holds the unsaved edits of one window on one stage.
 
     Attributes:
         path: The file; there is none while nothing is unsaved.
     """
 
     def __init__(self, folder: Path, stage: Path) -> None:
-        """Name the file; nothing is read or written.
+        """Take the file of a window that has ended without saving, or else a new one.
 
         Args:
             folder: Where such files are kept; made when it is needed.
@@ -34,10 +53,16 @@ class Autosave:
         """
         self._stage = str(stage.resolve())
         digest = hashlib.sha256(self._stage.encode()).hexdigest()[:16]
-        self.path = folder / f"{stage.stem}_{digest}.json"
+        self._stem = f"{stage.stem}_{digest}"
+        self._folder = folder
+        self._lock: FileLock | None = None
+        self.path = self._numbered(0)
+        with suppress(OSError):  # `keep` will say so
+            folder.mkdir(parents=True, exist_ok=True)
+            self._take()
 
-    def keep(self, tracks: LobeTracks, edits: tuple[Edit, ...]) -> None:
-        """Write the edits of tracks, in place of those that were kept.
+    def keep(self, tracks: LobeTracks, steps: tuple[Step, ...]) -> None:
+        """Write the steps of edits of tracks, in place of those that were kept.
 
         Raises:
             InputError: The file cannot be written.
@@ -46,27 +71,27 @@ class Autosave:
             "stage": self._stage,
             "lobes": tracks.names,
             "frames": tracks.frames,
-            "edits": [asdict(edit) for edit in edits],
+            "steps": [[_as_json(edit) for edit in step] for step in steps],
         }
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(
-                f"{self.path.parent}: cannot be made ({error.strerror}); expected a folder for "
+                f"{self._folder}: cannot be made ({error.strerror}); expected a folder for "
                 "unsaved edits. Save the edits as a layer instead."
             ) from error
         with written_beside(self.path) as place:
             place.write_text(json.dumps(content))
 
-    def found(self, tracks: LobeTracks) -> tuple[Edit, ...]:
-        """Return the kept edits that tracks can take; none where they are of other lobes.
+    def found(self, tracks: LobeTracks) -> tuple[Step, ...]:
+        """Return the kept steps that tracks can take; none where they are of other lobes.
 
         A file that cannot be read counts as none: it is not worth keeping a stage from opening.
         """
-        with suppress(OSError, ValueError, TypeError, KeyError):
+        with suppress(OSError, ValueError, TypeError, KeyError, AttributeError):
             content = json.loads(self.path.read_text())
             if (content["lobes"], content["frames"]) == (list(tracks.names), list(tracks.frames)):
-                return tuple(_edit(values) for values in content["edits"])
+                return tuple(tuple(map(_from_json, step)) for step in content["steps"])
         return ()
 
     def drop(self) -> None:
@@ -74,12 +99,37 @@ class Autosave:
         with suppress(OSError):
             os.remove(self.path)
 
+    def close(self) -> None:
+        """Let another window have the file."""
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
 
-def _edit(values: dict[str, object]) -> Edit:
+    def _numbered(self, number: int) -> Path:
+        return self._folder / f"{self._stem}_{number}.json"
+
+    def _take(self) -> None:
+        """Lock the first file that nobody has, one that holds edits before any other."""
+        left = sorted(self._folder.glob(f"{self._stem}_*.json"))
+        for path in itertools.chain(left, map(self._numbered, itertools.count())):
+            lock = FileLock(path.with_suffix(".lock"))
+            with suppress(Timeout):
+                lock.acquire(timeout=0)
+                self.path, self._lock = path, lock
+                return
+
+
+def _as_json(edit: AnyEdit) -> dict[str, Any]:
+    return {"kind": type(edit).__name__.lower(), **asdict(edit)}
+
+
+def _from_json(values: dict[str, Any]) -> AnyEdit:
     """Return an edit that was written as JSON, which knows lists and no tuples."""
-    return Edit(
-        **{  # pyright: ignore[reportArgumentType]  Edit checks what it is given
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in values.items()
-        }
-    )
+    kind = _KINDS[values.pop("kind")]
+    span = values.get("span")
+    if span is not None:
+        values["span"] = Span(**span)
+    given: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
+    }
+    return kind(**given)

@@ -11,7 +11,7 @@ from asglight.images.frame_files import sources_in
 from asglight.images.message import shown
 from asglight.usd.options import STAGE_SUFFIXES
 from asglight.viewer.io.wanted import SUFFIXES
-from asglight.viewer.state.viewer_state import RENDERS, Request
+from asglight.viewer.state.views import RENDERS, Request
 
 
 class Kind(StrEnum):
@@ -66,7 +66,7 @@ class Browser:
     @property
     def is_saving(self) -> bool:
         """Whether a file is to be written."""
-        return self.request is not Request.OPEN
+        return self.request not in (Request.OPEN, Request.OPEN_AGAINST)
 
     @property
     def target(self) -> Path:

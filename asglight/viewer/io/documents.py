@@ -5,6 +5,7 @@ No window and no OpenGL: whatever has to be asked stands in `question` and `brow
 draw and answer.
 """
 
+import contextlib
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,7 +18,6 @@ from asglight.images.message import shown
 from asglight.viewer.io.autosave import Autosave
 from asglight.viewer.io.browsing import Browser
 from asglight.viewer.io.saving import (
-    Edited,
     check_can_save,
     edited,
     edits_name,
@@ -25,9 +25,11 @@ from asglight.viewer.io.saving import (
     write_png,
 )
 from asglight.viewer.reference.images import Reference, open_reference, whole_sequence
-from asglight.viewer.state.edits import Edit
+from asglight.viewer.state.compared.against import Against
+from asglight.viewer.state.edits.history import Step
 from asglight.viewer.state.session import Session
-from asglight.viewer.state.viewer_state import RENDERS, Request, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import RENDERS, Request
 
 RECENT_MAX = 8
 """Files in the list of recent ones."""
@@ -89,11 +91,12 @@ class Documents:
         self._opener = opener
         self._autosaves = autosaves
         self._writer = ThreadPoolExecutor(1)
-        self._saving: tuple[Path, Future[None], tuple[Edit, ...] | None] | None = None
+        self._saving: tuple[Path, Future[None], tuple[Step, ...] | None] | None = None
         self._after_save: Callable[[], None] | None = None
         self._pending: _Pending | None = None
-        self._kept: tuple[Edit, ...] = ()
+        self._kept: tuple[Step, ...] = ()
         self._keeping: Future[None] | None = None
+        self._autosave = self._own_autosave()
         self._offer()
 
     @property
@@ -176,6 +179,23 @@ class Documents:
             cancel=session.close,
         )
 
+    def open_against(self, path: str) -> None:
+        """Hold the fit of another stage against this one; what goes wrong becomes the message."""
+        try:
+            session = self._opener(path)
+            if session is None:
+                raise InputError(
+                    f"{shown(Path(path).name)}: images; expected a stage to be B. To compare with "
+                    "images, open them."
+                )
+            with contextlib.closing(session):
+                tracks = session.state.history.lit_tracks
+                self.state.compare_against(Against(session.title, tracks))
+        except InputError as error:
+            self.state.message = str(error)
+            return
+        self.state.message = f"B is {session.title}."
+
     def save(self, request: Request, path: Path, pixels: np.ndarray | None = None) -> None:
         """Save what is asked for; what came of it becomes the message.
 
@@ -189,8 +209,8 @@ class Documents:
         if pixels is not None:
             self._saving = path, self._writer.submit(write_png, path, pixels), None
         elif self.ask(request):
-            edits: Edited = edited(self.session)
-            self._saving = path, self._writer.submit(save_edits, edits, path), edits.edits
+            edits = edited(self.session)
+            self._saving = path, self._writer.submit(save_edits, edits, path), edits.steps
         else:
             return
         self.state.message = f"Saving {shown(path.name)} ..."
@@ -216,9 +236,10 @@ class Documents:
         if self._pending is not None:
             self._pending.reference.close()
         self._writer.shutdown()  # what is being written is finished
-        autosave = self._autosave()
-        if is_wanted and autosave is not None and self.question is None:
-            autosave.drop()
+        if self._autosave is not None:
+            if is_wanted and self.question is None:
+                self._autosave.drop()
+            self._autosave.close()
         self.session.close()
 
     def _ask_about_edits(
@@ -252,11 +273,14 @@ class Documents:
         before = self.state
         session.state.display, session.state.camera = before.display, before.camera
         session.state.environment, session.state.material = before.environment, before.material
-        autosave = self._autosave()
-        if autosave is not None:
-            autosave.drop()
+        if self._autosave is not None:
+            if self._keeping is not None:
+                self._keeping.exception()  # it would write the file anew
+            self._autosave.drop()
+            self._autosave.close()
         self.session.close()
         self.session = session
+        self._autosave = self._own_autosave()
         self.has_new_session = True
         self._kept = ()
         self._opened(path)
@@ -309,7 +333,7 @@ class Documents:
         """Say what came of a save, once it has ended."""
         if self._saving is None or not self._saving[1].done():
             return
-        path, written, edits = self._saving
+        path, written, steps = self._saving
         self._saving = None
         then, self._after_save = self._after_save, None
         try:
@@ -318,12 +342,12 @@ class Documents:
             self.state.message = str(error)
             return
         self.state.message = f"Saved {shown(path.name)}."
-        if edits is not None:
-            self.state.history.mark_saved(edits)
+        if steps is not None:
+            self.state.history.mark_saved(steps)
             if then is not None:
                 then()
 
-    def _autosave(self) -> Autosave | None:
+    def _own_autosave(self) -> Autosave | None:
         stage = self.session.stage
         if self._autosaves is None or stage is None:
             return None
@@ -337,34 +361,32 @@ class Documents:
             except InputError as error:
                 self.state.message = str(error)
             self._keeping = None
-        history = self.state.history
-        edits = history.edits if history.is_unsaved else ()
-        autosave = self._autosave()
+        history, autosave = self.state.history, self._autosave
+        steps = history.done if history.is_unsaved else ()
         waits = self.state.is_dragging or self.question is not None or self._keeping is not None
-        if autosave is None or waits or edits == self._kept:
+        if autosave is None or waits or steps == self._kept:
             return
-        self._kept = edits
-        if edits:
-            self._keeping = self._writer.submit(autosave.keep, history.original, edits)
+        self._kept = steps
+        if steps:
+            self._keeping = self._writer.submit(autosave.keep, history.original, steps)
         else:
             autosave.drop()
 
     def _offer(self) -> None:
         """Offer the edits that a program or a machine ended with."""
-        autosave = self._autosave()
-        history = self.state.history
-        edits = () if autosave is None else autosave.found(history.original)
-        if autosave is None or not edits:
+        autosave, history = self._autosave, self.state.history
+        steps = () if autosave is None else autosave.found(history.original)
+        if autosave is None or not steps:
             return
-        self._kept = edits
+        self._kept = steps
 
         def _restore() -> None:
-            for edit in edits:
-                self.state.history.add(edit)
-            self.state.message = f"Restored {_counted(len(edits))}. They are not saved yet."
+            for step in steps:
+                self.state.history.add(*step)
+            self.state.message = f"Restored {_counted(len(steps))}. They are not saved yet."
 
         text = (
-            f"asglight ended before {_counted(len(edits))} of {self.session.title} "
+            f"asglight ended before {_counted(len(steps))} of {self.session.title} "
             "could be saved. They were kept."
         )
         self.question = Question(

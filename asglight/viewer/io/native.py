@@ -8,7 +8,7 @@ import sys
 from imgui_bundle import portable_file_dialogs as dialogs
 
 from asglight.viewer.io.wanted import SUFFIXES
-from asglight.viewer.state.viewer_state import RENDERS, Request
+from asglight.viewer.state.views import RENDERS, Request
 
 _PROGRAMS = ("zenity", "kdialog", "qarma", "matedialog")
 """What draws a dialog on Linux; Windows and macOS draw their own."""

@@ -16,13 +16,15 @@ from PIL import Image, ImageDraw, ImageFont
 
 from asglight.errors import InputError
 from asglight.images.exr_writer import write_exr
-from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.gl.arrangement import cells, strip
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.io.film import Film
 from asglight.viewer.io.saving import display_pixels, write_png
 from asglight.viewer.io.wanted import Wanted
+from asglight.viewer.state.compared.titles import titles
 from asglight.viewer.state.display import Comparison
 from asglight.viewer.state.session import Session
+from asglight.viewer.state.views import Scene
 
 SAMPLED = 0.25
 """Share of a finished reference that a picture waits for: half of its noise is below a step of 8
@@ -129,25 +131,27 @@ def labelled(pixels: np.ndarray, session: Session) -> np.ndarray:
     draw = ImageDraw.Draw(image)
     height, width = pixels.shape[:2]
     is_rows = state.shown is Comparison.ROWS
-    rows = height // 2 if is_rows else height
+    first, rows = strip(height, state.parts)
     arrangement = cells((width, rows), len(state.balls))
     font = ImageFont.load_default(max(10, round(height / 45)))
 
     def write(place: tuple[float, float], text: str, anchor: str) -> None:
         draw.text(place, text, "white", font, anchor, stroke_width=1, stroke_fill="black")
 
-    for top in (0, rows) if is_rows else (0,):
+    tops = [part * rows for part in range(state.parts)] if is_rows else [first]
+    for top in tops if state.scene is Scene.BALLS else ():
         for cell, ball in zip(arrangement, state.balls, strict=True):
             below = min(top + cell.y + cell.size + 2, top + rows - font.size - 4)
             write((cell.x + cell.size / 2, below), ball.name, "ma")
-    names = {Comparison.REFERENCE: "Reference (HDRI)", Comparison.FIT: "Fit"}
+    fit, reference, truth = titles(state)
     if is_rows:
-        held = f": {state.reference_label}" if state.reference_label else ""
-        write((8, rows + 6), f"{names[Comparison.REFERENCE]}{held}", "la")
-    title = names.get(state.shown, "Fit" if is_rows else str(state.shown))
+        for top, title in zip(tops[1:], (reference, truth), strict=False):
+            write((8, top + 6), title, "la")
+    names = {Comparison.REFERENCE: reference, Comparison.FIT: fit}
+    title = names.get(state.shown, fit if is_rows else str(state.shown))
     write((8, 6), f"{session.title}   {title}", "la")
     exposure = state.display.exposure_ev + state.environment.intensity_ev
-    text = f"{state.playback.time:g}   {state.display.transform} {exposure:+.1f} EV"
+    text = f"{state.playback.time:g}   {state.display.name} {exposure:+.1f} EV"
     write((width - 8, 6), text, "ra")
     return np.asarray(image)
 

@@ -13,7 +13,7 @@ from asglight.images.message import shown
 from asglight.images.output import written_beside
 from asglight.lobes import LobeTracks
 from asglight.usd import write_edit_layer, write_key_edits
-from asglight.viewer.state.edits import Edit
+from asglight.viewer.state.edits.history import Step
 from asglight.viewer.state.session import Session
 
 
@@ -22,24 +22,34 @@ class Edited(NamedTuple):
 
     Attributes:
         stage: The stage that the lobes were read from.
-        tracks: The tracks with their edits.
+        tracks: The tracks with their edits, muted and deleted lobes as they would light.
         lobes: Indices of the lobes that were edited.
-        edits: The edits that the tracks hold.
+        muted: Indices of the lobes that are muted.
+        deleted: Indices of the lobes that are deleted.
+        steps: The steps that the tracks hold.
         are_keys: Whether the lobes are keys of the stage.
     """
 
     stage: Path | None
     tracks: LobeTracks
     lobes: tuple[int, ...]
-    edits: tuple[Edit, ...]
-    are_keys: bool = False
+    muted: frozenset[int]
+    deleted: frozenset[int]
+    steps: tuple[Step, ...]
+    are_keys: bool
 
 
 def edited(session: Session) -> Edited:
     """Return what a session has edited."""
-    history, are_keys = session.state.history, session.state.keyed is not None
+    history = session.state.history
     return Edited(
-        session.stage, history.saved_tracks, history.edited_lobes, history.edits, are_keys
+        session.stage,
+        history.saved_tracks,
+        history.edited_lobes,
+        history.muted,
+        history.deleted,
+        history.done,
+        session.state.keyed is not None,
     )
 
 
@@ -49,7 +59,7 @@ def check_can_save(session: Session) -> None:
     Raises:
         InputError: Nothing is edited, or there is no stage under the edits, perhaps not yet.
     """
-    if not session.state.history.edited_lobes:
+    if not session.state.history.is_changed:
         raise InputError("edits: none made; expected one or more. Change a lobe first.")
     if session.stage is None:
         raise InputError(
@@ -76,8 +86,11 @@ def save_edits(edits: Edited, path: Path) -> None:
         InputError: The layer cannot be written.
     """
     assert edits.stage is not None  # as check_can_save has seen
-    write = write_key_edits if edits.are_keys else write_edit_layer
-    write(path, edits.stage, edits.tracks, edits.lobes)
+    if edits.are_keys:
+        dark = edits.muted | edits.deleted
+        write_key_edits(path, edits.stage, edits.tracks, edits.lobes, dark)
+        return
+    write_edit_layer(path, edits.stage, edits.tracks, edits.lobes, edits.muted, edits.deleted)
 
 
 def display_pixels(target: moderngl.Framebuffer) -> np.ndarray:

@@ -3,19 +3,15 @@
 
 from imgui_bundle import ImVec2, imgui
 
-from asglight.viewer.gl.arrangement import Cell, cells, hit
+from asglight.viewer.gl.arrangement import Cell, cells, hit, strip
 from asglight.viewer.gl.inspecting import inspect
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.panels import legend, widgets
-from asglight.viewer.state.display import Comparison, Subject
-from asglight.viewer.state.viewer_state import Probe, ViewerState
-
-_NAMES = {
-    Subject.TOTAL: ("Fit", "Reference (HDRI)"),
-    Subject.FIT: ("Fit, sampled", "Reference (HDRI)"),
-    Subject.SHADING: ("Fit", "Fit, sampled"),
-}
-"""What fit and reference are for each subject, as the labels over the pictures say it."""
+from asglight.viewer.panels.lights.highlight import highlight
+from asglight.viewer.state.compared.titles import titles
+from asglight.viewer.state.display import Comparison
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Probe, Scene
 
 _WIPE_GRIP = 0.6
 """Half width, in heights of the font, of the strip where the wipe line can be taken."""
@@ -35,11 +31,13 @@ def balls(state: ViewerState, renderer: Renderer) -> None:
     imgui.set_cursor_screen_pos(origin)
     imgui.set_next_item_allow_overlap()
     imgui.invisible_button("##picture", ImVec2(*points), _MOUSE)
-    _mouse(state, origin, points)
+    if not highlight(state, origin, points):
+        _mouse(state, origin, points)
     if imgui.is_item_hovered():
         pointer = imgui.get_mouse_pos()
         _probe(state, points, (pointer.x - origin.x, pointer.y - origin.y))
     inspect(state, renderer, points)
+    _pin(state, origin, points)
     _labels(state, renderer, origin, points)
     legend.legend(state, state.shown, ImVec2(origin.x, origin.y + points[1]), points[0])
 
@@ -70,66 +68,104 @@ def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
 
 def _probe(state: ViewerState, points: tuple[int, int], pointer: tuple[float, float]) -> None:
     """Read the ball under the pointer from now on; beside the balls the last one stays."""
+    if state.scene is Scene.GROUND or state.is_pinned:
+        return
     x, y = pointer
     columns, rows = points
-    if state.shown is Comparison.ROWS:
-        rows //= 2
-        y %= rows
+    top, strip_rows = strip(rows, state.parts)
+    y = y % strip_rows if state.shown is Comparison.ROWS else y - top
+    rows = strip_rows
     if hit(cells((columns, rows), len(state.balls)), x, y) is not None:
         state.probe = Probe("balls", x / columns, y / rows)
+
+
+def _pin(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
+    """Mark where the probe is pinned, in each row of balls."""
+    probe = state.probe
+    if not state.is_pinned or probe is None or probe.place != "balls":
+        return
+    top, rows = strip(points[1], state.parts)
+    rows_shown = range(state.parts) if state.shown is Comparison.ROWS else [0]
+    first = 0 if state.shown is Comparison.ROWS else top
+    for row in rows_shown:
+        y = origin.y + first + row * rows + probe.y * rows
+        widgets.cross(origin.x + probe.x * points[0], y)
 
 
 def _labels(
     state: ViewerState, renderer: Renderer, origin: ImVec2, points: tuple[int, int]
 ) -> None:
-    fit, reference = _NAMES[state.compared.subject]
-    if not state.is_fitted:
-        fit = f"{fit}: not there yet"
-    if state.reference_label:
-        reference += f": {state.reference_label}"
+    """Say what each row of balls is, and how far each ball is off."""
+    fit, reference, truth = titles(state)
+    progress = _progress(renderer)
     pad = widgets.em(0.4)
-    shown = state.shown
-    left, top = origin.x + pad, origin.y + pad
-    right = origin.x + points[0] - pad
-    errors = renderer.ball_errors(state) if state.references is not None else None
-    if shown is Comparison.ROWS:
-        half = points[1] // 2
-        _ball_labels(state, (points[0], half), origin, None)
-        below = ImVec2(origin.x, origin.y + half)
-        _ball_labels(state, (points[0], points[1] - half), below, errors)
-        widgets.label_over(left, top, fit)
-        widgets.label_over(left, top + half, f"{reference}{_progress(renderer)}")
+    if state.scene is Scene.GROUND:
+        light = fit if state.keyed is None else "Lobes, as fitted: keys and rest light balls only"
+        title = f"{light}, {state.balls[state.ground_ball].name}"
+        widgets.label_over(origin.x + pad, origin.y + pad, title)
         return
-    _ball_labels(state, points, origin, errors)
+    shown = state.shown
+    top, rows = strip(points[1], state.parts)
+    has_truth = state.parts == 3
+    errors = renderer.ball_errors(state) if state.parts > 1 else None
+    of_b = renderer.ball_errors(state, of_b=True) if has_truth else None
+    left, right = origin.x + pad, origin.x + points[0] - pad
+    size = points[0], rows
+    if shown is Comparison.ROWS:
+        lines = [(fit, None), (f"{reference}{progress}", _percent(errors))]
+        if has_truth:
+            lines = [(fit, _percent(errors)), (reference, _percent(of_b))]
+            lines.append((f"{truth}{progress}", None))
+        for part, (title, texts) in enumerate(lines):
+            place = ImVec2(origin.x, origin.y + part * rows)
+            _ball_labels(state, size, place, texts)
+            widgets.label_over(left, place.y + pad, title)
+        return
+    place = ImVec2(origin.x, origin.y + top)
+    texts = _percent(errors)
+    if has_truth and texts is not None and of_b is not None:
+        texts = [f"\nA {a}\nB {b}" for a, b in zip(texts, _percent(of_b) or texts, strict=True)]
+    _ball_labels(state, size, place, texts)
+    line = place.y + pad
+    second = reference if has_truth else f"{reference}{progress}"
     if shown is Comparison.FIT:
-        widgets.label_over(left, top, fit)
+        widgets.label_over(left, line, fit)
     elif shown is Comparison.REFERENCE:
-        widgets.label_over(left, top, f"{reference}{_progress(renderer)}")
+        widgets.label_over(left, line, second)
     elif shown is Comparison.WIPE:
-        widgets.label_over(left, top, fit)
-        widgets.label_over(right, top, f"{reference}{_progress(renderer)}", align=1.0)
+        widgets.label_over(left, line, fit)
+        widgets.label_over(right, line, second, align=1.0)
     else:
         sign = "minus" if shown is Comparison.DIFFERENCE else "over"
-        widgets.label_over(left, top, f"{fit} {sign} {reference}{_progress(renderer)}")
+        widgets.label_over(left, line, f"{fit} {sign} {second}")
+
+
+def _percent(errors: list[float | None] | None) -> list[str] | None:
+    """Return errors as they are written under balls."""
+    if errors is None:
+        return None
+    return ["" if error is None else f"{100 * error:.1f} %" for error in errors]
 
 
 def _ball_labels(
     state: ViewerState,
     points: tuple[int, int],
     origin: ImVec2,
-    errors: list[float | None] | None,
+    texts: list[str] | None,
 ) -> None:
-    """Name each ball under it, with the error of the pair that is compared."""
+    """Name each ball under it, with its errors."""
     row = state.balls
-    for index, (cell, ball) in enumerate(zip(cells(points, len(row)), row, strict=True)):
-        text = ball.name
-        error = None if errors is None else errors[index]
-        if error is not None:
-            text += f"   {100 * error:.1f} %"
-        if imgui.calc_text_size(text).x > 1.2 * cell.size:  # it would touch its neighbour
-            text = text.removeprefix("roughness ")
+    arrangement = cells(points, len(row))
+    errors = [""] * len(row) if texts is None else texts
+    names = [ball.name for ball in row]
+    gap = "" if errors[0].startswith("\n") else "   "
+    labels = [f"{name}{gap}{error}".rstrip() for name, error in zip(names, errors, strict=True)]
+    widest = max(imgui.calc_text_size(label).x for label in labels)
+    if widest > 1.2 * arrangement[0].size:  # one would touch its neighbour: all are shortened
+        labels = [label.removeprefix("roughness ") for label in labels]
+    for cell, label in zip(arrangement, labels, strict=True):
         x, y = _under(cell, origin, points)
-        widgets.label_over(x, y, text, align=0.5)
+        widgets.label_over(x, y, label, align=0.5)
 
 
 def _under(cell: Cell, origin: ImVec2, points: tuple[int, int]) -> tuple[float, float]:

@@ -90,10 +90,10 @@ def _plot(
         implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
     lights = (state.tracks.lobes.amplitude > 0).any(-1).any(0).tolist()  # in any frame
     for lobe, values in enumerate(tracks):
-        if not lights[lobe]:
+        if not lights[lobe] or lobe in state.history.deleted:
             continue
         spec = implot.Spec()
-        is_selected = lobe == state.selection.lobe
+        is_selected = lobe in state.selected
         spec.line_color = widgets.ACCENT if is_selected else _faint()
         spec.line_weight = 2.0 if is_selected else 1.0
         implot.plot_line(state.lobe_names[lobe], frames, values, spec)

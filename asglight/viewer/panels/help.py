@@ -14,8 +14,11 @@ _MOUSE = (
     ("drag on the balls", "orbit; on the wipe line: move it"),
     ("right drag on the balls", "turn the environment"),
     ("wheel on the balls", "exposure"),
-    ("click in the map or list", "select a lobe"),
-    ("drag a lobe in the map", "turn it"),
+    ("click in the map or list", "select a lobe; with Ctrl more than one"),
+    ("Shift+click in the list", "select all between"),
+    ("double click in the list", "rename"),
+    ("drag a lobe in the map", "turn it, and all that are selected"),
+    ("Ctrl+click or drag on a ball", "put the highlight of the selected lobe there"),
     ("drop a file or folder", "open a stage, or compare with an image or sequence"),
 )
 

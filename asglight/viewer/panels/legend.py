@@ -3,13 +3,14 @@
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from asglight.viewer.gl.passes import DIVERGING_SCALE, STOPS_SCALE, scale_colours
+from asglight.viewer.gl.display_pass import DIVERGING_SCALE, STOPS_SCALE, scale_colours
 from asglight.viewer.panels import widgets
 from asglight.viewer.state.display import (
     FALSE_COLOUR_EV,
     MIDDLE_GREY,
     RATIO_EV,
     Comparison,
+    Subject,
     ViewTransform,
 )
 from asglight.viewer.state.viewer_state import ViewerState
@@ -46,7 +47,7 @@ def legend(state: ViewerState, shown: Comparison, origin: ImVec2, width: float) 
     faint = widgets.ink(0.65)
     found = scale_of(state, shown)
     if found is None or width > widgets.em(2 * BAR_EM):
-        text = f"{state.display.transform}  {exposure:+.1f} EV"
+        text = f"{state.display.name}  {exposure:+.1f} EV"
         draw.add_text(ImVec2(origin.x, top), faint, text)
     if found is None:
         return
@@ -80,14 +81,16 @@ def scale_of(
         uses none.
     """
     exposure = state.display.exposure_ev + state.environment.intensity_ev
+    is_b = state.subject is Subject.AGAINST
+    first, second = ("A", "B") if is_b else ("fit", "reference")
     if shown is Comparison.DIFFERENCE:
         unit = 2.0**-exposure
         numbers = [(share, f"{(2 * share - 1) * unit:+.3g}") for share in (0.0, 0.25, 0.75, 1.0)]
-        return DIVERGING_SCALE, "fit - reference, radiance", [*numbers, (0.5, "0")]
+        return DIVERGING_SCALE, f"{first} - {second}, radiance", [*numbers, (0.5, "0")]
     if shown is Comparison.RATIO:
         stops = range(-int(RATIO_EV), int(RATIO_EV) + 1)
         places = [(0.5 + stop / (2 * RATIO_EV), f"{stop:+d}" if stop else "0") for stop in stops]
-        return DIVERGING_SCALE, "fit / reference, EV", places
+        return DIVERGING_SCALE, f"{first} / {second}, EV", places
     if state.display.transform is ViewTransform.FALSE_COLOUR:
         stops = range(-int(FALSE_COLOUR_EV), int(FALSE_COLOUR_EV) + 1, 2)
         places = [

@@ -14,11 +14,15 @@ from asglight.viewer.panels import legend, widgets
 from asglight.viewer.state.commands import command
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.picking import pick
-from asglight.viewer.state.viewer_state import Outlines, Probe, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Outlines, Probe
 from asglight.viewer.uniforms import key_cards, outlines
 
 CLICK_POINTS = 4.0
 """As far from a small lobe a click still means it."""
+
+ZOOM_STEP = 1.25
+"""For a notch of the wheel: three of them double the map."""
 
 STILL_EM = 0.7
 """Heights of the font by which a pressed pointer has to move before it turns a lobe: a hand
@@ -30,10 +34,12 @@ _KEY, _SHADOW = ImVec4(1.0, 1.0, 1.0, 0.9), ImVec4(0.0, 0.0, 0.0, 0.7)
 
 def latlong_map(state: ViewerState, renderer: Renderer) -> None:
     """Draw the map as large as it fits at two to one, and let lobes be clicked and dragged."""
-    if state.references is not None:
+    if state.subjects:
         imgui.set_next_item_width(widgets.em(9))
         state.map_view.comparison = widgets.choice(
-            "##map_view", state.map_view.comparison, "What the map shows of fit and reference."
+            "##map_view",
+            state.map_view.comparison,
+            "What the map shows of fit and reference, or of A and B.",
         )
         imgui.same_line()
     imgui.set_next_item_width(widgets.em(9))
@@ -41,6 +47,10 @@ def latlong_map(state: ViewerState, renderer: Renderer) -> None:
     state.outlines = widgets.choice(
         "##outlines", state.outlines, "Which lobes are drawn over the map.", outlined.keys
     )
+    if state.map_frame.zoom > 1:
+        imgui.same_line()
+        label = f"{state.map_frame.zoom:.3g} x###whole"
+        widgets.button(state, "All of the map", label, "Show all of the map again.")
     room = imgui.get_content_region_avail()
     rows = max(1, int(min(room.x / 2, room.y - legend.room_below())))
     points = 2 * rows, rows
@@ -50,63 +60,117 @@ def latlong_map(state: ViewerState, renderer: Renderer) -> None:
     imgui.image(imgui.ImTextureRef(target.color_attachments[0].glo), ImVec2(*points))
     imgui.set_cursor_screen_pos(origin)
     imgui.invisible_button("##map", ImVec2(*points))
-    _mouse(state, origin, points)
-    _lobes(state, origin, points)
+    _move_frame(state, origin, points)
+    # all of the map, of which the panel shows a part
+    left, top, wide, high = state.map_frame.area(*points)
+    whole = ImVec2(origin.x + left, origin.y + top)
+    size = max(1, round(wide)), max(1, round(high))
+    _mouse(state, whole, size)
+    draw = imgui.get_window_draw_list()
+    draw.push_clip_rect(origin, ImVec2(origin.x + points[0], origin.y + points[1]), True)
+    _lobes(state, whole, size)
+    probe = state.probe
+    if state.is_pinned and probe is not None and probe.place == "map":
+        widgets.cross(whole.x + probe.x * wide, whole.y + probe.y * high)
+    draw.pop_clip_rect()
     legend.legend(state, state.shown_map, ImVec2(origin.x, origin.y + points[1]), points[0])
 
 
+def _move_frame(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
+    """Zoom by the wheel, about the pointer; move what is shown by the middle button."""
+    if not imgui.is_item_hovered():
+        return
+    io, frame = imgui.get_io(), state.map_frame
+    if io.mouse_wheel:
+        x = (io.mouse_pos.x - origin.x) / points[0]
+        y = (io.mouse_pos.y - origin.y) / points[1]
+        frame.zoom_at(x, y, ZOOM_STEP**io.mouse_wheel)
+    if imgui.is_mouse_down(imgui.MouseButton_.middle):
+        frame.pan(io.mouse_delta.x / points[0], io.mouse_delta.y / points[1])
+
+
 def _mouse(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
-    """Click: select a lobe. Drag: turn the lobe that the drag began on."""
+    """Click: select lobes. Drag: turn those selected, of which the drag began on one."""
     if not (imgui.is_item_hovered() or imgui.is_item_active()):
         return
     place = _place(imgui.get_mouse_pos(), origin, points)
-    state.probe = Probe("map", *place)
+    if not state.is_pinned:
+        state.probe = Probe("map", *place)
     editing = state.editing
     tolerance = CLICK_POINTS * np.pi / points[1]
     if imgui.is_item_activated():
-        state.select(pick(state.lobes, _direction(place).tolist(), tolerance))
+        _pick(state, _direction(place).tolist(), tolerance)
         editing.drag_from = _direction(place).tolist()
-    if imgui.is_item_active() and state.selection.lobe is not None:
+    if imgui.is_item_active() and state.selected and editing.reaches(state.moment):
         delta = imgui.get_mouse_drag_delta(imgui.MouseButton_.left, widgets.em(STILL_EM))
         if delta.x or delta.y:
             target = _direction(place).tolist()
-            editing.turn_to(state.history, state.selection.lobe, state.playback.index, target)
+            editing.turn_to(state.history, state.selected, state.moment, target)
     if imgui.is_item_deactivated():
         editing.commit(state.history)
 
 
+def _pick(state: ViewerState, direction: list[float], tolerance: float) -> None:
+    """Select the lobe that a click means; with Ctrl or Shift beside the others.
+
+    A click on one of several that are selected keeps them, so that they can be dragged.
+    """
+    present = state.history.present
+    lobes = state.lobes.select(torch.tensor(present, dtype=torch.long))
+    found = pick(lobes, direction, tolerance)
+    lobe = None if found is None else present[found]
+    io = imgui.get_io()
+    adds = io.key_ctrl or io.key_shift
+    if lobe is not None and adds:
+        state.select_also(lobe)
+    elif not adds and (lobe is None or lobe not in state.selected):
+        state.select(lobe)
+
+
 def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     draw = imgui.get_window_draw_list()
-    end = ImVec2(origin.x + points[0], origin.y + points[1])
-    draw.push_clip_rect(origin, end, True)
-    lit = state.lit
-    drawn = _cards if state.keyed is not None else _outlines
-    for index, outline in enumerate(drawn(Held(state.lobes))):
-        is_selected = index == state.selection.lobe
-        if state.outlines is Outlines.NONE or (
-            state.outlines is Outlines.SELECTED and not is_selected
-        ):
-            continue
-        others = widgets.FAINT if state.keyed is None else _KEY
+    lit, selected = state.lit, state.selected
+    present = state.history.present
+    wanted = {
+        Outlines.ALL: present,
+        Outlines.SELECTED: tuple(index for index in present if index in selected),
+        Outlines.NONE: (),
+    }[state.outlines]
+    of_keys = None if state.keyed is None else _cards(Held(state.lobes))
+    drawn: list[outlines.Polylines] = []
+    if of_keys is not None:
+        drawn = [one.curves for one in of_keys]
+    elif state.outlines is Outlines.ALL:
+        drawn = _curves(Held(state.lobes))
+    for index in wanted:
+        is_selected = index in selected
+        others = widgets.FAINT if of_keys is None else _KEY
         shade = widgets.ACCENT if is_selected else others
         colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
-        for line in outline.curves:
-            if state.keyed is not None:
+        outline = None
+        if is_selected:
+            outline = of_keys[index] if of_keys else _outline(Held(state.lobes), index)
+        for line in outline.curves if outline else drawn[index]:
+            if of_keys is not None:
                 _polyline(draw, line, origin, points, widgets.colour(_SHADOW), 4.0)
             _polyline(draw, line, origin, points, colour, 2.0 if is_selected else 1.0)
-        if is_selected:
-            for line in (*outline.arm_x, *outline.arm_y):
-                _polyline(draw, line, origin, points, colour, 1.0)
+        for line in (*outline.arm_x, *outline.arm_y) if outline else ():
+            _polyline(draw, line, origin, points, colour, 1.0)
         u, v = latlong.uv_from_direction(state.lobes.axis_z[index])
         centre = ImVec2(origin.x + float(u) * points[0], origin.y + float(v) * points[1])
         draw.add_circle_filled(centre, 3.0 if is_selected else 2.0, colour)
-    draw.pop_clip_rect()
 
 
 @lru_cache(maxsize=2)
-def _outlines(lobes: Held[Lobes]) -> list[outlines.Outline]:
-    """Return the outlines of a frame; a thousandth of a second each, so that they are kept."""
-    return outlines.outlines(lobes.value)
+def _curves(lobes: Held[Lobes]) -> list[outlines.Polylines]:
+    """Return the outlines of a frame; they take milliseconds, so that they are kept."""
+    return outlines.curves(lobes.value)
+
+
+@lru_cache(maxsize=32)
+def _outline(lobes: Held[Lobes], index: int) -> outlines.Outline:
+    """Return the outline of one lobe, with its arms."""
+    return outlines.outlines(lobes.value.select(torch.tensor([index])))[0]
 
 
 @lru_cache(maxsize=2)

@@ -8,7 +8,16 @@ from imgui_bundle import hello_imgui, imgui
 
 from asglight.viewer.io.documents import Documents
 from asglight.viewer.state.commands import command
-from asglight.viewer.state.viewer_state import Theme, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Theme
+
+_OF_SELECTED = (
+    "Solo the selected lobe",
+    "Mute the selected lobe",
+    "Rename the selected lobe",
+    "The selected lobe as it was fitted",
+    "Delete the selected lobe",
+)
 
 
 def menus(documents: Documents) -> None:
@@ -20,8 +29,11 @@ def menus(documents: Documents) -> None:
         _item(state, "Undo", is_enabled=history.can_undo)
         _item(state, "Redo", is_enabled=history.can_redo)
         imgui.separator()
-        for name in ("Solo the selected lobe", "Mute the selected lobe"):
-            _item(state, name, is_enabled=state.selection.lobe is not None)
+        for name in _OF_SELECTED:
+            _item(state, name, is_enabled=bool(state.selected))
+        imgui.separator()
+        _item(state, "Add a lobe at the pointer", "Add a lobe")
+        _item(state, "Select every lobe")
         imgui.end_menu()
     if imgui.begin_menu("View"):
         for name in ("Next view transform", "Next channel", "Next comparison"):
@@ -45,6 +57,8 @@ def _file(documents: Documents) -> None:
     if not imgui.begin_menu("File"):
         return
     _item(state, "Open", "Open...")
+    _item(state, "Open another stage as B", "Open another stage as B...")
+    _item(state, "End A and B", is_enabled=state.against is not None)
     if imgui.begin_menu("Recent", bool(documents.recent)):
         for path in list(documents.recent):
             # A label ends before `##`; `%04d` says the same.

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What panels share: keys, tooltips, choices, labels over pictures."""
 
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import TypeVar
 
@@ -82,9 +83,12 @@ def tooltip(text: str, keys: str = "") -> None:
         return
     # Over the widget, so that the next one below stays in view.
     text = f"{text}\nKey: {keys}" if keys else text
-    corner = imgui.get_item_rect_min()
-    if corner.y > imgui.calc_text_size(text).y + em(1.5):
-        place = ImVec2(corner.x, corner.y - em(0.3))
+    corner, size = imgui.get_item_rect_min(), imgui.calc_text_size(text)
+    if corner.y > size.y + em(1.5):
+        padding = 2 * imgui.get_style().window_padding.x
+        view = imgui.get_main_viewport()
+        right = view.pos.x + view.size.x - size.x - padding
+        place = ImVec2(max(view.pos.x, min(corner.x, right)), corner.y - em(0.3))
         imgui.set_next_window_pos(place, imgui.Cond_.always, ImVec2(0, 1))
     imgui.set_tooltip(text)
 
@@ -106,11 +110,18 @@ def checkbox(label: str, value: bool, entry: Command, explanation: str) -> bool:
     return value
 
 
-def choice(label: str, value: E, explanation: str, keys: str = "") -> E:
-    """Show a drop-down list of an enum's members."""
-    members: list[E] = list(type(value))
+def choice(label: str, value: E, explanation: str, keys: str = "", members: Sequence[E] = ()) -> E:
+    """Show a drop-down list of an enum's members, or of some of them."""
+    members = members or list(type(value))
     _, place = imgui.combo(label, members.index(value), [str(member) for member in members])
     tooltip(explanation, keys)
+    return members[place]
+
+
+def one_of(label: str, value: str, members: Sequence[str], explanation: str) -> str:
+    """Show a drop-down list of names."""
+    _, place = imgui.combo(label, members.index(value), list(members))
+    tooltip(explanation)
     return members[place]
 
 
@@ -128,6 +139,8 @@ def slider(
     Returns:
         Whether the value changed, and the value.
     """
+    if abs(value) < 0.5 * 10.0**-decimals:
+        value = 0.0  # and not -0
     changed, value = imgui.slider_float(
         label, value, *limits, f"%.{decimals}f {unit}".rstrip(), imgui.SliderFlags_.clamp_on_input
     )
@@ -175,6 +188,15 @@ def hue(amplitude: np.ndarray) -> tuple[float, float, float]:
     peak = max(float(amplitude.max()), 1e-30)  # 1e-30: a dark lobe is black
     red, green, blue = (float(value) for value in np.clip(amplitude / peak, 0, 1) ** (1 / 2.2))
     return red, green, blue
+
+
+def cross(x: float, y: float) -> None:
+    """Mark a place of a picture, visible on bright and dark."""
+    draw, arm = imgui.get_window_draw_list(), em(0.6)
+    for shade, width in ((ImVec4(0, 0, 0, 0.85), 3.0), (ACCENT, 1.0)):
+        ink_ = imgui.get_color_u32(shade)
+        draw.add_line(ImVec2(x - arm, y), ImVec2(x + arm, y), ink_, width)
+        draw.add_line(ImVec2(x, y - arm), ImVec2(x, y + arm), ink_, width)
 
 
 def label_over(x: float, y: float, text: str, align: float = 0.0) -> None:

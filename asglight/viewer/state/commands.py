@@ -7,7 +7,9 @@ from enum import StrEnum
 from typing import Any, TypeVar
 
 from asglight.viewer.state.display import EXPOSURE_EV_STEP
-from asglight.viewer.state.viewer_state import Request, ViewerState
+from asglight.viewer.state.edits import editing
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Renaming, Request
 
 E = TypeVar("E", bound=StrEnum)
 
@@ -83,10 +85,13 @@ def _meter(state: ViewerState) -> None:
 
 
 def _next_comparison(state: ViewerState) -> None:
-    if state.references is not None:
+    if state.subjects:
         state.compared.comparison = _following(state.compared.comparison)
     else:
-        state.message = "Nothing to compare with. Drop an HDR image or sequence on the window."
+        state.message = (
+            "Nothing to compare with. Drop an HDR image or sequence on the window, or open "
+            "another stage as B."
+        )
 
 
 def _next_outlines(state: ViewerState) -> None:
@@ -94,30 +99,69 @@ def _next_outlines(state: ViewerState) -> None:
 
 
 def _next_subject(state: ViewerState) -> None:
-    if state.references is not None:
-        state.compared.subject = _following(state.compared.subject)
+    subjects = state.subjects
+    if subjects:
+        place = subjects.index(state.subject) + 1
+        state.compared.subject = subjects[place % len(subjects)]
 
 
 def _next_material(state: ViewerState) -> None:
     state.material = _following(state.material)
 
 
+def _toggle_pin(state: ViewerState) -> None:
+    if state.probe is None:
+        state.message = "Nothing is probed yet. Point at a ball or at the map."
+    else:
+        state.is_pinned = not state.is_pinned
+
+
+def _next_scene(state: ViewerState) -> None:
+    state.scene = _following(state.scene)
+
+
 def _toggle_background(state: ViewerState) -> None:
     state.environment.is_shown = not state.environment.is_shown
 
 
-def _of_selected(action: Callable[[ViewerState, int], None]) -> Callable[[ViewerState], None]:
+def _of_selected(
+    action: Callable[[ViewerState, tuple[int, ...]], None],
+) -> Callable[[ViewerState], None]:
     def _run(state: ViewerState) -> None:
-        if state.selection.lobe is None:
-            state.message = "No lobe is selected. Click one in the map or in the list."
+        if state.selected:
+            action(state, state.selected)
         else:
-            action(state, state.selection.lobe)
+            state.message = "No lobe is selected. Click one in the map or in the list."
 
     return _run
 
 
-def _toggle_solo(state: ViewerState, lobe: int) -> None:
-    state.selection.solo.symmetric_difference_update({lobe})
+def _toggle_mute(state: ViewerState, lobes: tuple[int, ...]) -> None:
+    state.toggle_mute(*lobes)
+
+
+def _rename(state: ViewerState, lobes: tuple[int, ...]) -> None:
+    state.renaming = Renaming(lobes[0], state.lobe_names[lobes[0]])
+
+
+def _restore(state: ViewerState, lobes: tuple[int, ...]) -> None:
+    editing.restore(state.history, lobes)
+
+
+def _add_lobe(state: ViewerState) -> None:
+    """Add one where the pointer was last, or where the camera looks."""
+    if state.inspected is not None:
+        state.add_lobe(state.inspected.direction.tolist())
+    else:
+        state.add_lobe((state.camera.from_environment().T @ [0.0, 0.0, 1.0]).tolist())
+
+
+def _select_every(state: ViewerState) -> None:
+    first = state.selected[:1]
+    order = [*first, *(lobe for lobe in state.history.present if lobe not in first)]
+    if order:
+        state.select(order[0])
+        state.selection.others = tuple(order[1:])
 
 
 def _all_lobes(state: ViewerState) -> None:
@@ -176,6 +220,7 @@ COMMANDS = (
     Command("Look", "Z", "Zebra where the screen clips", _toggle_zebra),
     Command("Look", "M", "Metal or dielectric", _next_material),
     Command("Look", "B", "Environment behind the balls", _toggle_background),
+    Command("Look", "G", "Row of balls, or a ball on the ground", _next_scene),
     Command(
         "Look",
         "]",
@@ -190,11 +235,20 @@ COMMANDS = (
         lambda s: s.camera.turn_environment(-ENVIRONMENT_STEP_DEG),
         repeats=True,
     ),
+    Command("Look", "Y", "Pin the probe, or let it go", _toggle_pin),
+    Command("Look", "W", "All of the map", lambda s: s.map_frame.show_all()),
     Command("Look", "V", "Camera and environment at rest", lambda s: s.camera.reset()),
     Command("Compare", "R", "Next comparison", _next_comparison),
-    Command("Compare", "Shift+R", "Overall, fit only or shading only", _next_subject),
-    Command("Lobes", "S", "Solo the selected lobe", _of_selected(_toggle_solo)),
-    Command("Lobes", "X", "Mute the selected lobe", _of_selected(ViewerState.toggle_mute)),
+    Command("Compare", "Shift+R", "Overall, fit only, shading only or A and B", _next_subject),
+    Command("Compare", "Ctrl+B", "Open another stage as B", _request(Request.OPEN_AGAINST)),
+    Command("Compare", "Shift+B", "End A and B", lambda s: s.compare_against(None)),
+    Command("Lobes", "S", "Solo the selected lobe", _of_selected(ViewerState.toggle_solo)),
+    Command("Lobes", "X", "Mute the selected lobe", _of_selected(_toggle_mute)),
+    Command("Lobes", "N", "Add a lobe at the pointer", _add_lobe),
+    Command("Lobes", "Delete", "Delete the selected lobe", _of_selected(ViewerState.delete)),
+    Command("Lobes", "F2", "Rename the selected lobe", _of_selected(_rename)),
+    Command("Lobes", "Shift+X", "The selected lobe as it was fitted", _of_selected(_restore)),
+    Command("Lobes", "Ctrl+A", "Select every lobe", _select_every),
     Command("Lobes", "H", "Outlines in the map: all, selected, none", _next_outlines),
     Command("Lobes", "Escape", "End the solo, select none", _all_lobes),
     Command("Lobes", "Ctrl+Z", "Undo", _undo, repeats=True),

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How radiance is shown: exposure, view transform, channel, zebra. Nothing here shades anew."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 EXPOSURE_EV_MAX = 20.0
@@ -32,6 +32,8 @@ class ViewTransform(StrEnum):
     """The curve that Narkowicz 2015 fitted to the ACES reference rendering transform."""
     FALSE_COLOUR = "false colour"
     """Luminance in stops from middle grey."""
+    OPENCOLORIO = "OpenColorIO"
+    """A view of an OpenColorIO config, such as those of ACES."""
 
 
 class Comparison(StrEnum):
@@ -57,6 +59,8 @@ class Subject(StrEnum):
     """The lobes' integral against the map's: what the lobes lack."""
     SHADING = "shading only"
     """The lobes' closed form against their integral: what the formulas lack."""
+    AGAINST = "A and B"
+    """The closed form of one fit against that of another; both against the map's integral."""
 
 
 class Channel(StrEnum):
@@ -70,6 +74,25 @@ class Channel(StrEnum):
     """Rec. 709 luminance."""
 
 
+@dataclass(frozen=True)
+class ColourView:
+    """A view of an OpenColorIO config (colour/opencolorio.py has the configs).
+
+    Attributes:
+        config: Name of the config.
+        display: What the screen is, as the config calls it.
+        view: How it is shown there.
+    """
+
+    config: str = "ACES 2.0"
+    display: str = "sRGB - Display"
+    view: str = "ACES 2.0 - SDR 100 nits (Rec.709)"
+
+    def __str__(self) -> str:
+        """Return it in one line: the view, which says its config, and the screen."""
+        return f"{self.view}, {self.display.removesuffix(' - Display')}"
+
+
 @dataclass
 class Display:
     """How radiance is shown.
@@ -79,12 +102,20 @@ class Display:
         transform: How it becomes a colour.
         channel: What of it is shown.
         zebra: Whether stripes mark what the screen clips.
+        colour_view: What the OpenColorIO view is.
     """
 
     exposure_ev: float = 0.0
     transform: ViewTransform = ViewTransform.SRGB
     channel: Channel = Channel.RGB
     zebra: bool = False
+    colour_view: ColourView = field(default_factory=ColourView)
+
+    @property
+    def name(self) -> str:
+        """What the view is called."""
+        is_ocio = self.transform is ViewTransform.OPENCOLORIO
+        return str(self.colour_view) if is_ocio else str(self.transform)
 
     def expose(self, stops: float) -> None:
         """Change the exposure, within +-EXPOSURE_EV_MAX."""

@@ -10,8 +10,9 @@ from asglight.lobes import asg
 from asglight.sphere import latlong
 from asglight.viewer.gl.arrangement import Hit
 from asglight.viewer.state import picking
-from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY
-from asglight.viewer.state.viewer_state import Inspected, ViewerState
+from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY, Subject
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Inspected
 from asglight.viewer.uniforms import key_cards
 
 SHARE_MIN = 0.01
@@ -30,6 +31,8 @@ def inspect_map(state: ViewerState, u: float, v: float) -> Inspected:
     gain = 2.0**state.environment.intensity_ev
     image = state.reference_image
     reference = None if image is None else _texel(image, u, v) * gain
+    if state.against is not None and state.subject is Subject.AGAINST:
+        reference = state.against.radiance(state.playback.time, direction).numpy() * gain
     if state.keyed is None:
         fit = asg.evaluate(state.lit_lobes, direction[None])[0].numpy() * gain
     else:
@@ -84,6 +87,26 @@ def shares(state: ViewerState, direction: np.ndarray) -> list[tuple[int, float]]
     share = share / share.sum().clamp(min=torch.finfo(share.dtype).tiny)  # no light: shares of 0
     order = picking.brightest_first(radiance)
     return [(state.lit[i], float(share[i])) for i in order if share[i] >= SHARE_MIN]
+
+
+def as_text(inspected: Inspected, names: tuple[str, ...]) -> str:
+    """Return what is read at the probe as lines to paste elsewhere: numbers apart by tabs.
+
+    Args:
+        inspected: What is read.
+        names: Of the lobes.
+    """
+    longitude, latitude = angles_deg(inspected.direction)
+    lines = [
+        f"place\t{inspected.place}",
+        f"longitude, latitude (deg)\t{longitude:.3f}\t{latitude:.3f}",
+        "direction\t" + "\t".join(f"{value:.6f}" for value in inspected.direction),
+    ]
+    for name, radiance in (("fit", inspected.fit), ("reference", inspected.reference)):
+        if radiance is not None:
+            lines.append(f"{name} (RGB)\t" + "\t".join(f"{value:.7g}" for value in radiance))
+    lines += [f"{names[lobe]}\t{share:.4f}" for lobe, share in inspected.shares]
+    return "\n".join(lines)
 
 
 def stops(radiance: np.ndarray) -> float:

@@ -32,6 +32,8 @@ class Session:
         title: What is shown, in a few words.
         stage: The file that the lobes were read from; None where there is none (yet).
         meters: Whether the first light that comes sets the exposure.
+        has_view: Whether the command line has chosen the view: the one that the window had last
+            is then not taken.
     """
 
     state: ViewerState
@@ -39,6 +41,7 @@ class Session:
     title: str
     stage: Path | None = None
     meters: bool = False
+    has_view: bool = False
     _found: frozenset[int] = field(default=frozenset(), init=False)
 
     def update(self, direction: int = 0) -> SourceStatus:

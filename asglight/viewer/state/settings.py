@@ -3,11 +3,13 @@
 
 import json
 from contextlib import suppress
+from dataclasses import asdict, astuple
 
 from asglight.viewer.state.balls import Material
-from asglight.viewer.state.display import ViewTransform
+from asglight.viewer.state.display import ColourView, ViewTransform
 from asglight.viewer.state.playback import Pace
-from asglight.viewer.state.viewer_state import Theme, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Theme
 
 
 def as_text(state: ViewerState) -> str:
@@ -15,6 +17,7 @@ def as_text(state: ViewerState) -> str:
     return json.dumps(
         {
             "view": state.display.transform,
+            "colour view": asdict(state.display.colour_view),
             "zebra": state.display.zebra,
             "material": state.material,
             "background": state.environment.is_shown,
@@ -35,6 +38,10 @@ def restore(state: ViewerState, text: str) -> None:
         return
     with suppress(ValueError):
         state.display.transform = ViewTransform(values.get("view"))
+    with suppress(TypeError):
+        found = ColourView(**values.get("colour view", {}))
+        if all(isinstance(name, str) for name in astuple(found)):
+            state.display.colour_view = found
     with suppress(ValueError):
         state.material = Material(values.get("material"))
     with suppress(ValueError):

@@ -3,21 +3,18 @@
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from enum import Enum, StrEnum, auto
-from functools import lru_cache
-from typing import Literal
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import torch
 
 from asglight.errors import InputError
-from asglight.lobes import Form, Lobes, LobeTracks, asg, flat, motion
+from asglight.lobes import Form, Lobes, LobeTracks, asg, flat
 from asglight.viewer.reference.images import Reference
 from asglight.viewer.reference.rest import Keyed, flux_of
 from asglight.viewer.state.balls import WHITE, Ball, Material, Rgb, ball_row
 from asglight.viewer.state.camera import Camera
+from asglight.viewer.state.compared.against import Against
 from asglight.viewer.state.display import (
     EXPOSURE_EV_STEP,
     LUMINANCE,
@@ -26,12 +23,29 @@ from asglight.viewer.state.display import (
     Display,
     Subject,
 )
-from asglight.viewer.state.editing import Editing
-from asglight.viewer.state.edits import EditHistory, toggle_mute
+from asglight.viewer.state.edits import editing
+from asglight.viewer.state.edits.editing import Editing, Moment
+from asglight.viewer.state.edits.history import EditHistory
 from asglight.viewer.state.held import Held
+from asglight.viewer.state.map_frame import MapFrame
 from asglight.viewer.state.picking import energies
 from asglight.viewer.state.playback import Playback
+from asglight.viewer.state.shown import dissolved, shown_lobes
 from asglight.viewer.state.time_span import TimeSpan
+from asglight.viewer.state.views import (
+    GROUND_BALL,
+    Compared,
+    Environment,
+    Inspected,
+    Outlines,
+    Probe,
+    Renaming,
+    Request,
+    Scene,
+    Scope,
+    Selection,
+    Theme,
+)
 
 MAX_LOBES = 128
 """Lobes in a frame: 8 KiB of the 16 KiB that every OpenGL has for a uniform block."""
@@ -48,145 +62,18 @@ def lobes_max(form: Form) -> int:
     return SHEETS_MAX // len(flat.TERMS) if form is Form.FLAT else MAX_LOBES
 
 
-class Request(Enum):
-    """What only the window can do; it empties the list after every picture."""
+def check_count(tracks: LobeTracks) -> None:
+    """Refuse more lobes than there is room for.
 
-    OPEN = auto()
-    SAVE_EDITS = auto()
-    SAVE_PICTURE = auto()
-    RENDER = auto()
-    RENDER_LABELLED = auto()
-    RENDER_TURNTABLE = auto()
-    QUIT = auto()
-
-
-RENDERS = (Request.RENDER, Request.RENDER_LABELLED, Request.RENDER_TURNTABLE)
-
-
-class Theme(StrEnum):
-    """Colours of the window around the pictures."""
-
-    DARK = "dark"
-    LIGHT = "light"
-
-
-class Outlines(StrEnum):
-    """Which lobes are drawn over the map."""
-
-    ALL = "all outlines"
-    SELECTED = "selected only"
-    NONE = "no outlines"
-
-
-@dataclass
-class Environment:
-    """The environment around the balls.
-
-    Attributes:
-        intensity_ev: Stops added to all of its radiance.
-        is_shown: Whether it is seen behind the balls.
+    Raises:
+        InputError: There are more lobes than `lobes_max`.
     """
-
-    intensity_ev: float = 0.0
-    is_shown: bool = False
-
-
-@dataclass
-class Selection:
-    """Which lobes are looked at: a matter of the view; muting is an edit (edits.py).
-
-    Attributes:
-        lobe: Index of the selected one.
-        solo: While there are any, only these light.
-        is_new: Whether the list has not shown it yet.
-    """
-
-    lobe: int | None = None
-    solo: set[int] = field(default_factory=set)
-    is_new: bool = False
-
-
-@dataclass
-class Compared:
-    """What is shown of the fit and its reference.
-
-    Attributes:
-        comparison: Which of both.
-        subject: What counts as fit and as reference.
-        wipe: Share of the columns left of the wipe.
-        is_flipped: Whether a held key shows the other one.
-    """
-
-    comparison: Comparison = Comparison.FIT
-    subject: Subject = Subject.TOTAL
-    wipe: float = 0.5
-    is_flipped: bool = False
-
-    @property
-    def shown(self) -> Comparison:
-        """What is shown now: while flipped, the reference; the fit where that is shown already."""
-        if not self.is_flipped:
-            return self.comparison
-        is_reference = self.comparison is Comparison.REFERENCE
-        return Comparison.FIT if is_reference else Comparison.REFERENCE
-
-
-@dataclass(frozen=True)
-class Probe:
-    """Where numbers are read.
-
-    Attributes:
-        place: The map, or the balls.
-        x: Share of the picture's columns from the left.
-        y: Share of its rows from the top; of one row of balls.
-    """
-
-    place: Literal["map", "balls"]
-    x: float
-    y: float
-
-
-@dataclass(frozen=True)
-class Inspected:
-    """What lies under the pointer.
-
-    Attributes:
-        place: Where: the map, or a ball's name.
-        direction: In the environment's coordinates; on a ball, what a mirror would show.  [3]
-        fit: Radiance of what is shown as fit.  [3]
-        reference: Of what is shown as reference, where there is one.  [3]
-        shares: Indices of the lobes that send light from the direction, and their share of its
-            luminance, the largest first.
-    """
-
-    place: str
-    direction: np.ndarray
-    fit: np.ndarray | None
-    reference: np.ndarray | None
-    shares: list[tuple[int, float]]
-
-
-@lru_cache(maxsize=4)
-def shown_lobes(tracks: Held[LobeTracks], index: int, part: float) -> Lobes:
-    """Return the lobes of a frame, or between it and the next one.  [N, .].
-
-    Args:
-        tracks: The shot.
-        index: Place of the frame.
-        part: How far to the next one (lobes/motion.py has the rule).
-    """
-    if not part:
-        return tracks.value.lobes[index]
-    pair = slice(index, index + 2)
-    frames, lobes = tracks.value.frames[pair], tracks.value.lobes[pair]
-    time = frames[0] + part * (frames[1] - frames[0])
-    return motion.at(replace(tracks.value, frames=frames, lobes=lobes), [time])[0].to(torch.float32)
-
-
-@lru_cache(maxsize=2)
-def dissolved(first: Held[np.ndarray], last: Held[np.ndarray], part: float) -> np.ndarray:
-    """Return two images mixed, float32 [H, W, 3]."""
-    return ((1 - part) * first.value + part * last.value).astype(np.float32)
+    most = lobes_max(tracks.lobes.form)
+    if tracks.lobes.count > most:
+        raise InputError(
+            f"tracks: {tracks.lobes.count} lobes; expected at most {most}, which is "
+            "what the viewer holds. Fit fewer with --lobes."
+        )
 
 
 class ViewerState:
@@ -198,12 +85,15 @@ class ViewerState:
         span: The part of the shot that the timeline shows.
         keyed: What a stage shows beside its keys, which its tracks are then; None of other stages.
         references: Images of the same frames to compare with, or None.
+        against: Another fit to compare with, or None.
         display: How radiance is shown.
         camera: Where the balls are seen from.
         environment: What is around them.
         compared: What the balls show of fit and reference.
         map_view: What the map shows of them.
         selection: Which lobes are looked at and which light.
+        scene: What the lights shine on.
+        ground_ball: Index in the row of the ball that stands on the ground.
         material: What the balls are made of.
         base_colour: Their colour, linear RGB.
         is_dragging: Whether the mouse changes something at this moment.
@@ -214,9 +104,13 @@ class ViewerState:
         message: One line about what was done or went wrong last.
         inspected: What the pointer was over last, in the frame that is shown.
         probe: Where that is.
+        is_pinned: Whether it stays there.
+        map_frame: Which part of the map is shown.
+        scope: What histogram and waveform are of.
         fitted: Frames whose lobes are known; None for all.
         is_fitting: Whether more lobes will come.
-        editing: Where the sliders of the selected lobe stand.
+        editing: Where edits hold, and what the hand holds.
+        renaming: The name of a lobe that is being typed, or None.
         moves_wipe: Whether the drag that goes on began on the wipe line.
         requests: What the window is to do.
     """
@@ -226,6 +120,7 @@ class ViewerState:
         tracks: LobeTracks,
         references: Reference | None = None,
         clock: Callable[[], float] = time.monotonic,
+        muted: Iterable[int] = (),
     ) -> None:
         """Show tracks from their first frame on.
 
@@ -233,6 +128,7 @@ class ViewerState:
             tracks: At least one frame.
             references: Images to compare with.
             clock: Seconds on a steady clock, for playing.
+            muted: Indices of the lobes that are muted.
 
         Raises:
             InputError: There are more lobes than `lobes_max`.
@@ -243,6 +139,8 @@ class ViewerState:
         self.environment = Environment()
         self.compared = Compared()
         self.map_view = Compared()
+        self.scene = Scene.BALLS
+        self.ground_ball = GROUND_BALL
         self.material = Material.METAL
         self.base_colour: Rgb = WHITE
         self.is_dragging = False
@@ -253,28 +151,38 @@ class ViewerState:
         self.message = ""
         self.editing = Editing()
         self.moves_wipe = False
+        self.renaming: Renaming | None = None
         self.inspected: Inspected | None = None
         self.probe: Probe | None = None
+        self.is_pinned = False
+        self.map_frame = MapFrame()
+        self.scope = Scope()
         self.fitted: frozenset[int] | None = None
         self.is_fitting = False
         self.requests: list[Request] = []
         self.keyed: Keyed | None = None
         self.references: Reference | None = None
-        self.open(tracks, references)
+        self.against: Against | None = None
+        self.open(tracks, references, muted)
 
-    def open(self, tracks: LobeTracks, references: Reference | None = None) -> None:
+    def open(
+        self,
+        tracks: LobeTracks,
+        references: Reference | None = None,
+        muted: Iterable[int] = (),
+    ) -> None:
         """Show other tracks; camera, display and environment stay as they are.
+
+        Args:
+            tracks: At least one frame; lobes that are muted as they would light.
+            references: Images to compare with.
+            muted: Indices of the lobes that are muted.
 
         Raises:
             InputError: There are more lobes than `lobes_max`.
         """
-        most = lobes_max(tracks.lobes.form)
-        if tracks.lobes.count > most:
-            raise InputError(
-                f"tracks: {tracks.lobes.count} lobes; expected at most {most}, which is "
-                "what the viewer holds. Fit fewer with --lobes."
-            )
-        self.history = EditHistory(tracks)
+        check_count(tracks)
+        self.history = EditHistory(tracks, muted)
         self.playback = Playback(tracks.frames, tracks.fps)
         self.span = TimeSpan(tracks.frames[0], tracks.frames[-1] + 1)
         self.selection = Selection(self._brightest())
@@ -285,8 +193,25 @@ class ViewerState:
         if self.references is not None:
             self.references.close()
         self.references = references
-        self.compared.comparison = Comparison.ROWS if references else Comparison.FIT
-        self.map_view.comparison = Comparison.REFERENCE if references else Comparison.FIT
+        self.compared.comparison = Comparison.ROWS if self.subjects else Comparison.FIT
+        self.map_view.comparison = self._map_at_first()
+
+    def compare_against(self, against: Against | None) -> None:
+        """Hold another fit against this one, or none any more.
+
+        Raises:
+            InputError: It has more lobes than `lobes_max`.
+        """
+        if against is not None:
+            check_count(against.tracks)
+            self.compared.subject = Subject.AGAINST
+        self.against = against
+        has_two = bool(self.subjects)
+        self.compared.comparison = Comparison.ROWS if has_two else Comparison.FIT
+        self.map_view.comparison = Comparison.WIPE if against is not None else self._map_at_first()
+
+    def _map_at_first(self) -> Comparison:
+        return Comparison.REFERENCE if self.references else Comparison.FIT
 
     def replace_tracks(self, tracks: LobeTracks) -> None:
         """Take over newer lobes, with the edits that were made to the older ones."""
@@ -307,18 +232,29 @@ class ViewerState:
 
     @property
     def lobe_names(self) -> tuple[str, ...]:
-        """What the lobes are called, as in the stage."""
-        return self.tracks.names
+        """What the lobes are called."""
+        return self.history.names
 
     @property
     def lobes(self) -> Lobes:
         """All lobes of the shown time.  [N, .]."""
         return shown_lobes(Held(self.tracks), self.playback.index, self.playback.part)
 
+    def fitted_lobe(self, lobe: int) -> Lobes:
+        """Return a lobe in the shown frame as it was before any edit.  [.]."""
+        return self.history.first_track(lobe)[self.playback.index]
+
     @property
-    def fitted_lobes(self) -> Lobes:
-        """All lobes of the shown frame as they were before any edit.  [N, .]."""
-        return self.history.original.lobes[self.playback.index]
+    def moment(self) -> Moment:
+        """The playhead and its marks."""
+        return Moment(self.playback.index, self.playback.first, self.playback.last)
+
+    @property
+    def selected(self) -> tuple[int, ...]:
+        """Indices of the selected lobes that are there; the first has the controls."""
+        every = (self.selection.lobe, *self.selection.others)
+        present = self.history.present
+        return tuple(lobe for lobe in every if lobe in present)
 
     @property
     def is_fitted(self) -> bool:
@@ -329,18 +265,46 @@ class ViewerState:
     @property
     def lit(self) -> tuple[int, ...]:
         """Indices of the lobes that light: neither muted nor outside a solo."""
-        lobes, solo = range(self.tracks.lobes.count), self.selection.solo
-        muted = self.history.muted
-        return tuple(n for n in lobes if n not in muted and (not solo or n in solo))
+        solo, muted = self.selection.solo, self.history.muted
+        present = self.history.present
+        return tuple(n for n in present if n not in muted and (not solo or n in solo))
 
     def lights(self, lobe: int) -> bool:
         """Tell whether a lobe takes part."""
         return lobe in self.lit
 
-    def toggle_mute(self, lobe: int) -> None:
-        """Mute a lobe, or let it light again: an edit as any other."""
-        self.history.commit()
-        self.history.add(toggle_mute(lobe))
+    def together_with(self, lobe: int) -> tuple[int, ...]:
+        """Return the lobes that an action on one means: all selected, if it is one of them."""
+        selected = self.selected
+        others = tuple(other for other in selected if other != lobe)
+        return (lobe, *others) if lobe in selected else (lobe,)
+
+    def toggle_mute(self, *lobes: int) -> None:
+        """Mute lobes, or let them light again: an edit as any other."""
+        editing.toggle_mute(self.history, lobes)
+
+    def toggle_solo(self, lobes: Iterable[int]) -> None:
+        """Let only these and others like them light, or end that."""
+        solo, lobes = self.selection.solo, set(lobes)
+        if lobes <= solo:
+            solo -= lobes
+        else:
+            solo |= lobes
+
+    def delete(self, lobes: tuple[int, ...]) -> None:
+        """Delete lobes; none of them is selected or alone any more."""
+        editing.delete(self.history, lobes)
+        self.selection.solo -= set(lobes)
+        self.select(None)
+
+    def add_lobe(self, direction: Sequence[float]) -> None:
+        """Add a lobe and select it, unless there is no room or a fit still brings lobes."""
+        if self.is_fitting:
+            self.message = "Lobes can be added when the fit has ended."
+        elif self.tracks.lobes.count >= lobes_max(self.tracks.lobes.form):
+            self.message = f"No room: the viewer holds {self.tracks.lobes.count} lobes."
+        else:
+            self.select(editing.add(self.history, self.playback.index, direction))
 
     @property
     def lit_lobes(self) -> Lobes:
@@ -358,9 +322,33 @@ class ViewerState:
         return self.is_dragging or self.playback.is_playing
 
     @property
+    def subject(self) -> Subject:
+        """What counts as fit and as reference: of what there is to compare."""
+        wanted = self.compared.subject
+        return wanted if wanted in self.subjects else next(iter(self.subjects), Subject.TOTAL)
+
+    @property
+    def subjects(self) -> tuple[Subject, ...]:
+        """What can be compared."""
+        of_images = (Subject.TOTAL, Subject.FIT, Subject.SHADING) if self.references else ()
+        return (*of_images, Subject.AGAINST) if self.against else of_images
+
+    @property
+    def parts(self) -> int:
+        """How many rows of balls there are where all are shown one above the other."""
+        if self.scene is Scene.GROUND:
+            return 1
+        if self.subject is Subject.AGAINST:
+            return 3 if self.references else 2
+        return 2 if self.references else 1
+
+    @property
     def shown(self) -> Comparison:
-        """What the balls show: without a reference the fit, without any lobe the reference."""
-        return self._shown(self.compared)
+        """What the balls show: without a reference the fit, without any lobe the reference.
+
+        On the ground it is the fit: a map's shadows have no closed form.
+        """
+        return Comparison.FIT if self.scene is Scene.GROUND else self._shown(self.compared)
 
     @property
     def shown_map(self) -> Comparison:
@@ -368,9 +356,9 @@ class ViewerState:
         return self._shown(self.map_view)
 
     def _shown(self, compared: Compared) -> Comparison:
-        if self.references is None:
+        if not self.subjects:
             return Comparison.FIT
-        has_light = self.tracks.lobes.count or self.keyed is not None
+        has_light = self.against or self.tracks.lobes.count or self.keyed is not None
         return compared.shown if has_light else Comparison.REFERENCE
 
     @property
@@ -425,9 +413,33 @@ class ViewerState:
         return True
 
     def select(self, lobe: int | None) -> None:
-        """Select a lobe, or none."""
+        """Select a lobe alone, or none."""
         self.selection.is_new = lobe is not None and lobe != self.selection.lobe
-        self.selection.lobe = lobe
+        self.selection.lobe, self.selection.others = lobe, ()
+
+    def select_also(self, lobe: int) -> None:
+        """Select a lobe beside the others, first of them; or leave it out if it is selected."""
+        others = tuple(other for other in self.selected if other != lobe)
+        if lobe in self.selected:
+            self.selection.lobe = others[0] if others else None
+            self.selection.others = others[1:]
+        else:
+            self.selection.lobe, self.selection.others = lobe, others
+
+    def select_to(self, lobe: int, order: Sequence[int]) -> None:
+        """Select all lobes of a list from the one selected first to another.
+
+        Args:
+            lobe: The other end.
+            order: Indices of the lobes as they are listed.
+        """
+        selected = self.selected
+        start = order.index(selected[0] if selected else lobe)
+        end = order.index(lobe)
+        between = order[min(start, end) : max(start, end) + 1]
+        first = order[start]
+        self.selection.lobe = first
+        self.selection.others = tuple(other for other in between if other != first)
 
     def _brightest(self) -> int | None:
         """Return the lobe with the most energy in the shown frame, if there are any."""

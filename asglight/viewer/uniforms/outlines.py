@@ -75,14 +75,11 @@ def outlines(lobes: Lobes, level: float = HALF_PEAK) -> list[Outline]:
         lobes: N lobes of one frame.  [N, .]
         level: Share of the peak, between 0 and 1.
     """
-    rings = _rings(lobes, level)
-    curves = _polylines(rings)
+    found = curves(lobes, level)
     arms = [_polylines(_arcs(lobes, axis, level)) for axis in (0, 1)]
     centre = np.tile(np.arange(lobes.count), len(_sides(lobes)))
     return [
-        Outline(
-            _of(curves, rings.lobe, index), _of(arms[0], centre, index), _of(arms[1], centre, index)
-        )
+        Outline(found[index], _of(arms[0], centre, index), _of(arms[1], centre, index))
         for index in range(lobes.count)
     ]
 
@@ -96,6 +93,13 @@ def closed_curve(corners: Array) -> Polylines:
     along = np.arange(len(corners), dtype=np.float64)
     path = _Path(corners[None], along, bool(np.array_equal(corners[0], corners[-1])))
     return tuple(_polylines(path)[0])
+
+
+def curves(lobes: Lobes, level: float = HALF_PEAK) -> list[Polylines]:
+    """Return the curves of each outline alone, which takes a third of the time."""
+    rings = _rings(lobes, level)
+    drawn = _polylines(rings)
+    return [_of(drawn, rings.lobe, index) for index in range(lobes.count)]
 
 
 def half_angles(lobes: Lobes, level: float = HALF_PEAK) -> Tensor:

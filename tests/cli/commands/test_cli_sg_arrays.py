@@ -87,6 +87,19 @@ def test_what_nerd_does_not_show_is_said(folder: Path, capsys: pytest.CaptureFix
         lines[1],
     )
     assert np.load("out.npy")[2, 6] == 30
+    assert lines[2] == (
+        "NeRD's training takes arrays of 24 lobes, not of 3; for it, fit with --form sg --lobes 24"
+    )
+
+
+def test_nothing_is_said_of_an_array_that_nerd_trains_with(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tracks = moving([1], 24, form=Form.SG)
+    tracks.lobes.sharpness[:] = tracks.lobes.sharpness.clamp(1, 25)
+    write_usd(tracks, "soft.usda")
+    assert main(["export", "soft.usda", "--to", "nerd", "-o", "out.npy"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 1
 
 
 @pytest.mark.parametrize("layout", ["physg", "nerd"])

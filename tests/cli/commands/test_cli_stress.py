@@ -12,6 +12,7 @@ from asglight.cli.main import main
 from asglight.errors import InputError
 from asglight.judging.stress import run as stress
 from asglight.judging.stress.case import Case
+from asglight.judging.stress.cases import CASES
 from asglight.judging.stress.run import Measured, Result, Tools
 
 SOME = ("stiff/sharpness-100", "broken/square")
@@ -47,6 +48,30 @@ def test_some_cases_are_run_and_written(tmp_path: Path, capsys: pytest.CaptureFi
     page = (folder / "stress.md").read_text()
     assert page.startswith(f"# Stress\n\n`asglight stress --only {' '.join(SOME)}` ")
     assert "/tmp" not in page
+
+
+def test_a_sample_has_all_of_time_and_some_of_the_others_which_the_page_names(
+    failing: list[Tools], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["stress", "--sample", "0.1", "-o", str(tmp_path)]) == 3
+    document = json.loads((tmp_path / "stress.json").read_text())
+    groups = [case["group"] for case in document["cases"]]
+    of_time = sum(case.group == "time" for case in CASES)
+    assert groups.count("time") == of_time
+    assert len(groups) - of_time == round(0.1 * (len(CASES) - of_time))
+    again = (tmp_path / "stress.md").read_text().split("`asglight stress --only ")[1].split("`")[0]
+    capsys.readouterr()
+    assert main(["stress", "--json", "--only", *again.split()]) == 3
+    repeated = json.loads(capsys.readouterr().out)["cases"]
+    assert [case["name"] for case in repeated] == [case["name"] for case in document["cases"]]
+
+
+@pytest.mark.parametrize("share", ["0", "1.5"])
+def test_a_share_beyond_its_range_is_refused(
+    share: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["stress", "--sample", share]) == 2
+    assert f"sample: {share}; expected a share above 0, at most 1." in capsys.readouterr().err
 
 
 def test_json_is_one_document_with_every_number(capsys: pytest.CaptureFixture[str]) -> None:

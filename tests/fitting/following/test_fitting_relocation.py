@@ -7,7 +7,7 @@ import torch
 from lobe_cases import angle_deg, flat, lamps
 
 from asglight.fitting.following.relocation import Relocation, placed, relocated
-from asglight.fitting.following.trials import Effort
+from asglight.fitting.following.trials import TrialSettings
 from asglight.fitting.loss import lobe_images, objective, temporal
 from asglight.fitting.steps import newton
 from asglight.lobes import Lobes, texels
@@ -17,7 +17,7 @@ A, B, C, SKY = (1.0, 0.2, 0.0), (-1.0, 0.5, 0.3), (-0.3, 0.3, 0.9), (0.0, 1.0, 0
 TRUTH = lamps([A, B, C, SKY], [80.0, 60.0, 70.0, 3.0], [10.0, 8.0, 7.0, 1.0])
 TWICE_ON_A = lamps([A, B, A, SKY], [80.0, 60.0, 80.0, 3.0], [5.0, 8.0, 5.0, 1.0])
 """As the truth, but that two lobes share one lamp and none is on another."""
-SETTINGS = Relocation(rounds=2, trial=Effort(4))
+SETTINGS = Relocation(rounds=2, trial=TrialSettings(4))
 
 
 def _frame(lobes: Lobes) -> objective.Target:

@@ -27,9 +27,9 @@ def _frame() -> objective.Target:
 
 
 def _competed(companions: int | None) -> tuple[Lobes, torch.Tensor]:
-    effort = trials.Effort(3, companions)
+    settings = trials.TrialSettings(3, companions)
     tried = stack([AS_IT_IS, ON_C, ON_A])
-    return trials.compete(tried, [3, 3, 3], _frame(), effort, width_min=0.0)
+    return trials.compete(tried, [3, 3, 3], _frame(), settings, width_min=0.0)
 
 
 @pytest.mark.parametrize("companions", [1, 2])

@@ -290,7 +290,7 @@ def test_the_loss_laid_out_on_the_leaves_is_the_loss(case: tuple[int, int, int])
     frame = objective.target(flat(maps), CORNERS, places)
     # parts of a cell that are alike: what is laid out takes a cell's mean for all of them
     even = replace(frame, parts=frame.radiance[:, None, :, : places.count].expand_as(frame.parts))
-    laid = objective.placed(fit, even).double().sum(-1)
+    laid = objective.per_cell_loss(fit, even).double().sum(-1)
     value = objective.value(fit, even).double()
     # float32 sums; the corner of the map counts leaf by leaf
     torch.testing.assert_close(laid, value, rtol=2e-4, atol=0)
@@ -302,7 +302,7 @@ def test_a_lamp_that_is_missing_has_its_part_of_the_loss_near_itself() -> None:
     places = leaves(flat(maps), 16, 4)
     frame = objective.target(flat(maps), CORNERS, places)
     dark = on_leaves(flat(torch.full_like(maps, 0.1)), places)
-    laid = objective.placed(dark, frame)[0]
+    laid = objective.per_cell_loss(dark, frame)[0]
     lamp = grid(64).directions[20 * 128 + 31]
     near = (places.directions[0].mT @ lamp) > 0.87  # 30 degrees: all but the broad probes
     far = (places.directions[0].mT @ lamp) < -0.5

@@ -76,17 +76,17 @@ def _solved_by_scipy(lobes: Lobes, frame: objective.Target, ref: Tensor, index: 
     return np.stack(solved, axis=-1)
 
 
-def relit(lobes: Lobes, frame: objective.Target, passes: int = 3) -> Lobes:
+def with_amplitudes(lobes: Lobes, frame: objective.Target, passes: int = 3) -> Lobes:
     """Solve so many times; each weighs the errors that the one before left."""
     shown = lobe_images.images(lobes, frame.places)
     for _ in range(passes):
-        shown = light.relight(shown, frame)
+        shown = light.solve_amplitudes(shown, frame)
     return shown.lobes
 
 
 @pytest.mark.parametrize("form", list(Form))
 @pytest.mark.parametrize("case", [(16, 16, 0), (50, 50, 0), (64, 16, 6)])
-def test_relight_solves_the_reweighted_problem_as_scipy_does(
+def test_amplitudes_solve_the_reweighted_problem_as_scipy_does(
     form: Form, case: tuple[int, int, int]
 ) -> None:
     height, rows, refined = case
@@ -100,7 +100,7 @@ def test_relight_solves_the_reweighted_problem_as_scipy_does(
         ]
     maps = torch.stack([texels.texel_means(scene, height, 2 * height) for scene in scenes])
     frame = target(flat(maps.float()), rows, refined)
-    found = relit(lobes, frame, passes=1)
+    found = with_amplitudes(lobes, frame, passes=1)
     assert found.amplitude.dtype == torch.float32
     assert torch.equal(found.axes, lobes.axes)
     assert torch.equal(found.sharpness, lobes.sharpness)
@@ -110,10 +110,10 @@ def test_relight_solves_the_reweighted_problem_as_scipy_does(
         np.testing.assert_allclose(found.amplitude[index].numpy(), expected, rtol=2e-3, atol=2e-3)
 
 
-def test_relight_shares_a_change_evenly_between_lobes_that_coincide() -> None:
+def test_solving_amplitudes_shares_a_change_evenly_between_lobes_that_coincide() -> None:
     lamp = lamps([(1.0, 0.2, 0.0)] * 2 + [(0.0, 1.0, 0.0)], [50.0, 50.0, 2.0], [3.0, 1.0, 1.0])
     brighter = flat(2 * texels.texel_means(lamp, 32, 64)[None])
-    amplitude = relit(lamp[None], objective.target(brighter)).amplitude[0]
+    amplitude = with_amplitudes(lamp[None], objective.target(brighter)).amplitude[0]
     expected = torch.tensor([5.0, 3.0, 2.0])[:, None].expand(-1, 3)  # 3 + 1 became 8
     # a footprint's image is a percent off a texel mean at the peak of the lobes two texels wide
     torch.testing.assert_close(amplitude, expected, rtol=5e-3, atol=1e-3)
@@ -122,31 +122,31 @@ def test_relight_shares_a_change_evenly_between_lobes_that_coincide() -> None:
     assert float(amplitude[0, 0] - amplitude[1, 0]) == pytest.approx(2.0, abs=rounding)
 
 
-def test_relight_never_raises_the_loss() -> None:
+def test_solving_amplitudes_never_raises_the_loss() -> None:
     lobes = random_lobes(Form.ASG).to(torch.float32)[None]
     maps = torch.rand(1, 3, 2 * 64**2, generator=torch.Generator().manual_seed(0))
     frame = target(maps, 16, 8)
-    values = [_loss(relit(lobes, frame, passes), frame) for passes in range(5)]
+    values = [_loss(with_amplitudes(lobes, frame, passes), frame) for passes in range(5)]
     # a minimum of the majoriser, to the rounding of J
     assert all(b <= a + 1e-5 for a, b in itertools.pairwise(values))
     assert values[1] < 0.9 * values[0]
 
 
-def test_relight_finds_known_light_again_from_black() -> None:
+def test_solving_amplitudes_finds_known_light_again_from_black() -> None:
     truth = lamps([(0, 1, 0.2), (1, 0.2, 0), (-0.5, 0.3, -1)], [2.0, 30.0, 900.0], [1.0, 8.0, 5.0])
     colours = truth.amplitude * torch.tensor([1.0, 0.5, 0.0])
     truth = replace(truth, amplitude=colours)[None]
     radiance = lobe_images.images(truth, leaves(torch.zeros(1, 3, 2 * 64**2))).radiance
     black = replace(truth, amplitude=torch.zeros(1, 3, 3))
-    found = relit(black, objective.target(radiance)).amplitude[0]
+    found = with_amplitudes(black, objective.target(radiance)).amplitude[0]
     # what is left of the error after a pass is that of the ridge and of float32
     torch.testing.assert_close(found, colours, rtol=2e-3, atol=2e-3)
 
 
-def test_relight_leaves_a_lobe_dark_where_the_map_is() -> None:
+def test_solving_amplitudes_leaves_a_lobe_dark_where_the_map_is() -> None:
     truth = lamps([(0.0, 1.0, 0.2), (1.0, -0.3, 0.0)], [40.0, 40.0], [2.0, 0.0])
     lit = replace(truth, amplitude=torch.ones(2, 3))[None]
-    amplitude = relit(lit, shown(truth, 32)).amplitude[0]
+    amplitude = with_amplitudes(lit, shown(truth, 32)).amplitude[0]
     assert float(amplitude.min()) >= 0.0
     # the reference is of means, the image a footprint: its ring would take a little of either sign
     torch.testing.assert_close(amplitude, truth.amplitude, rtol=1e-2, atol=1e-3)
@@ -157,11 +157,11 @@ def test_frames_of_a_batch_do_not_see_each_other(form: Form) -> None:
     lobes = stack([random_lobes(form), random_lobes(form, seed=3)]).to(torch.float32)
     maps = torch.rand(2, 3, 2 * 64**2, generator=torch.Generator().manual_seed(0)) ** 4
     maps = maps * torch.tensor([1.0, 50.0])[:, None, None]
-    both = relit(lobes, target(maps, 16, 8)).amplitude
+    both = with_amplitudes(lobes, target(maps, 16, 8)).amplitude
     for index in range(2):
         one = slice(index, index + 1)
         frame = target(maps[one], 16, 8)
-        alone = relit(lobes[one], frame).amplitude
+        alone = with_amplitudes(lobes[one], frame).amplitude
         # float32 sums in another order, times the condition of the normal equations
         torch.testing.assert_close(both[one], alone, rtol=1e-3, atol=1e-4)
 
@@ -176,7 +176,7 @@ def test_light_of_any_lobes_is_finite(form: Form) -> None:
     exposures = torch.tensor([1e-6, 1e-6, 1e9, 1e9, 0.0, 0.0])
     maps = torch.rand(1, 3, 2 * 32**2, generator=torch.Generator().manual_seed(0))
     maps = maps * exposures[:, None, None]
-    found = relit(lobes, target(maps, 16, 4)).amplitude
+    found = with_amplitudes(lobes, target(maps, 16, 4)).amplitude
     assert bool(found.isfinite().all())
     assert float(found.min()) >= 0.0
     assert math.isfinite(float(found.sum()))
@@ -190,24 +190,24 @@ def test_lobes_that_stay_keep_their_light_and_the_others_make_up_for_it() -> Non
     frame = target(flat(maps))
     still = torch.tensor([[True, False, False]])
     begun_shown = lobe_images.images(begun[None], frame.places)
-    found = light.relight(begun_shown, frame, still).lobes.amplitude[0]
+    found = light.solve_amplitudes(begun_shown, frame, still).lobes.amplitude[0]
     assert torch.equal(found[0], begun.amplitude[0])
     own = begun_shown.light[:, :1].mT @ begun_shown.values[:, :1]
     others = lobe_images.images(begun.select(torch.tensor([1, 2]))[None], frame.places)
-    alone = light.relight(others, objective.less(frame, own)).lobes.amplitude[0]
+    alone = light.solve_amplitudes(others, objective.less(frame, own)).lobes.amplitude[0]
     torch.testing.assert_close(found[1:], alone, rtol=2e-4, atol=1e-5)
     all_still = torch.ones(1, 3, dtype=torch.bool)
-    kept = light.relight(begun_shown, frame, all_still).lobes.amplitude[0]
+    kept = light.solve_amplitudes(begun_shown, frame, all_still).lobes.amplitude[0]
     assert torch.equal(kept, begun.amplitude)
 
 
-def test_absences_are_what_the_majoriser_grows_by() -> None:
+def test_leave_one_out_costs_are_what_the_majoriser_grows_by() -> None:
     """Found by solving the reweighted problem without each lobe."""
     lobes = lamps([(0, 0, 1), (0.3, 0, 1), (0, 1, 0)], [20.0, 20.0, 2.0], [3.0, 2.0, 0.5])
     maps = texels.texel_means(lobes, 32, 64)[None] + 0.01
     frame = target(flat(maps))
     seen = lobe_images.images(lobes[None], frame.places)
-    found = light.absences(seen, frame)[0]
+    found = light.leave_one_out_costs(seen, frame)[0]
     values = (seen.values * seen.scale[..., None])[0].double()
     views = probes.probe(to_cells(values.float(), frame.places), frame.places.rows).double()
     misfit = objective.misfit(seen.radiance, frame)

@@ -9,7 +9,7 @@ import torch
 from lobe_cases import KNOWN, alike, flat, noise, shown, target
 from torch import Tensor
 
-from asglight.fitting.first_frame import regroup
+from asglight.fitting.first_frame import split_merge
 from asglight.fitting.loss import lobe_images, objective, temporal
 from asglight.fitting.steps import neighbours, newton
 from asglight.lobes import Form, Lobes, texels
@@ -152,9 +152,9 @@ def test_an_absence_costs_no_less_where_fewer_make_up_for_it(
 ) -> None:
     lobes, frame = alike(Form.ASG, 8), target(noise(64), 32, 8)
     seen = lobe_images.images(lobes, frame.places)
-    all_free, _ = regroup.absences(seen, frame)
+    all_free, _ = split_merge.leave_one_out_costs(seen, frame)
     in_parts_of(3, monkeypatch)
-    costs, filled = regroup.absences(seen, frame)
+    costs, filled = split_merge.leave_one_out_costs(seen, frame)
     assert bool((costs > 0.999 * all_free).all())  # [Hassibi and Stork 1993]: a Schur complement
     own = filled.diagonal(dim1=0, dim2=1).mT[:, 5:]
     torch.testing.assert_close(own, -lobes.amplitude[0].double(), rtol=1e-6, atol=1e-9)
@@ -182,7 +182,7 @@ def test_of_many_lobes_those_around_a_split_try_it(monkeypatch: pytest.MonkeyPat
         return steps(*given, **named)
 
     monkeypatch.setattr(newton, "minimise", watched)
-    found = regroup.regroup(stuck, frame, frame, 2, 0.0)
+    found = split_merge.split_and_merge(stuck, frame, frame, 2, 0.0)
     assert {moving.shape[1] for moving in taken} == {3}
     assert float(found.value) <= float(stuck.value)
 

@@ -102,7 +102,8 @@ def test_a_stage_that_reads_otherwise_is_off_by_that(monkeypatch: pytest.MonkeyP
     tracks = tracks_of(LAMPS)
 
     def reads(lobes: Lobes, *changes: str, names: tuple[str, ...] = ()) -> float:
-        reading = Reading(replace(tracks, lobes=lobes[None], names=names), changes)
+        held = replace(tracks, lobes=lobes[None], names=names)
+        reading = Reading(held, changes, (), held, frozenset())
         monkeypatch.setattr(checks, "read_stage", lambda path: reading)
         return checks.stage_error(tracks)
 

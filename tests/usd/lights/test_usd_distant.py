@@ -47,7 +47,7 @@ def test_facing_irradiance_is_the_integral_over_the_front(form, sharpness):
     if form is Form.SG:
         sharpness = (sharpness[0],) * 2
     wanted = facing(form, *sharpness)
-    found = distant.facing_irradiance(one_lobe(form, sharpness))[0]
+    found = asg.facing_irradiance(one_lobe(form, sharpness))[0]
     np.testing.assert_allclose(found, wanted * np.array([1.0, 2.0, 0.5]), rtol=1e-8)
 
 

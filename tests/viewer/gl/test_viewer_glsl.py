@@ -83,6 +83,7 @@ def test_enum_members_are_numbered_in_their_order() -> None:
         "VIEW_TRANSFORM_SRGB": 0,
         "VIEW_TRANSFORM_FILMIC": 1,
         "VIEW_TRANSFORM_FALSE_COLOUR": 2,
+        "VIEW_TRANSFORM_OPENCOLORIO": 3,
     }
 
 

@@ -22,7 +22,7 @@ from asglight.sphere import latlong
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.io.saving import edited, save_edits
-from asglight.viewer.state.edits import scale_amplitude
+from asglight.viewer.state.edits.edit import scale_amplitude
 from asglight.viewer.state.session import Session
 from asglight.viewer.uniforms import key_cards
 

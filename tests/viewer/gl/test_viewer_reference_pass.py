@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from asglight.viewer.gl.albedo_table import albedo_table
-from asglight.viewer.gl.reference_cache import ReferenceCache
-from asglight.viewer.gl.reference_pass import TARGET_SAMPLES, ReferencePass
+from asglight.viewer.gl.reference.reference_cache import ReferenceCache
+from asglight.viewer.gl.reference.reference_pass import TARGET_SAMPLES, ReferencePass
 from asglight.viewer.state.balls import Ball, Material, ball_row
 
 EYE = np.eye(3)
@@ -134,7 +134,8 @@ def test_a_white_furnace_gives_the_albedo(reference: ReferencePass) -> None:
             truth = ball_truth.albedo(ball.roughness, SIZE, ball.f0[0])
             truth = truth + ball.albedo[0] * (white - truth)
         error = np.abs(shown[..., :3] - truth)[INSIDE]
-        assert error.max() < 3e-3  # of 1; noise, and the steps of the table of albedos
+        # of 1; noise, the steps of the table of albedos and those between normals of the tables
+        assert error.max() < 4e-3
 
 
 def test_a_dielectric_is_a_fresnel_layer_over_a_base_that_it_dims(reference: ReferencePass) -> None:

@@ -13,8 +13,9 @@ from usd_tracks import moving
 
 from asglight.lobes import Form, Lobes, asg
 from asglight.usd.lights.colour_temperature import KELVIN_LIMITS, rgb_of, temperature_of
-from asglight.viewer.state.absolute import FIELDS, colour_edit, edit_of, lamp_of
-from asglight.viewer.state.edits import apply
+from asglight.viewer.state.edits.absolute import FIELDS, colour_edit, edit_of, lamp_of
+from asglight.viewer.state.edits.applying import apply
+from asglight.viewer.state.edits.edit import Span
 
 FLOAT32_DEG = 2e-4
 """Degrees: a float32 axis is known to 1e-7, and near the zenith azimuth and roll to a thousandth of
@@ -67,11 +68,12 @@ def test_width_and_height_are_where_the_lobe_has_half_of_its_peak(form):
     ],
 )
 def test_what_is_set_is_met_and_the_rest_stays(form, frame, field, value):
+    span = None if frame is None else Span.at(frame)
     before = moving(range(3), form=form)
     if form is Form.SG:
         before.lobes.sharpness[..., 1] = before.lobes.sharpness[..., 0]
     lobe = before.lobes[1, 2]
-    after = apply(before, edit_of(lobe, (2, frame), field, value))
+    after = apply(before, edit_of(lobe, (2, span), field, value))
     was, found = lamp_of(lobe), lamp_of(after.lobes[1, 2])
     tolerance = 1e-3
     assert getattr(found, field) == pytest.approx(value, abs=tolerance)

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from asglight.viewer.gl import passes
-from asglight.viewer.gl.passes import DIVERGING_SCALE, STOPS_SCALE, SURROUND, Picture
+from asglight.viewer.gl.display_pass import DIVERGING_SCALE, STOPS_SCALE, DisplayPass
+from asglight.viewer.gl.passes import Picture
 from asglight.viewer.state.display import Channel, Comparison, Display, ViewTransform
+from asglight.viewer.uniforms.shader_defines import SURROUND
 
 # An 8-bit target rounds to the nearest of 255 steps; OpenGL allows 0.6 of a step where halves meet.
 STEP = 0.6 / 255
@@ -34,7 +36,7 @@ def displayed(
 ) -> np.ndarray:
     """Run the display pass and return 8-bit sRGB [H, W, 3]."""
     target = passes.display_target(opengl, fit.front.size)
-    passes.DisplayPass(opengl).draw(
+    DisplayPass(opengl).draw(
         fit, reference or fit, display or Display(), comparison, target, **options
     )
     width, height = fit.front.size

@@ -16,16 +16,17 @@ from usd_tracks import moving
 
 from asglight.lobes import Form, LobeTracks, asg
 from asglight.usd import read_usd, write_edit_layer, write_usd
-from asglight.viewer.state.edits import (
+from asglight.viewer.state.edits.applying import apply
+from asglight.viewer.state.edits.edit import (
     LOG2_MAX,
     Edit,
-    EditHistory,
-    apply,
+    Span,
     scale_amplitude,
     scale_sharpness,
     shortest_rotation,
     turn,
 )
+from asglight.viewer.state.edits.history import EditHistory
 
 FLOAT32 = 2e-7
 """Relative: the result is rounded to float32 once."""
@@ -67,11 +68,12 @@ def touched(tracks: LobeTracks, lobe: int, frame: int | None, name: str) -> np.n
 @pytest.mark.parametrize("frame", [None, 2])
 @pytest.mark.parametrize("form", Form)
 def test_each_edit_changes_its_lobe_as_it_says(form, frame):
+    span = None if frame is None else Span.at(frame)
     before = moving(range(5), form=form)
     copy = replace(before, lobes=before.lobes.clone())
     start, end = [0.1, 0.9, -0.3], [-0.5, 0.2, 0.8]
 
-    brighter = apply(before, scale_amplitude(1, frame, 1.5, (1.0, 0.5, 2.0)))
+    brighter = apply(before, scale_amplitude(1, span, 1.5, (1.0, 0.5, 2.0)))
     assert_only_changes(before, brighter, 1, frame)
     factors = 2**1.5 * np.array([1.0, 0.5, 2.0])
     np.testing.assert_allclose(
@@ -82,7 +84,7 @@ def test_each_edit_changes_its_lobe_as_it_says(form, frame):
     assert torch.equal(brighter.lobes.axes, before.lobes.axes)
     assert torch.equal(brighter.lobes.sharpness, before.lobes.sharpness)
 
-    sharper = apply(before, scale_sharpness(1, frame, 2.0, 2.0 if form is Form.SG else -1.0))
+    sharper = apply(before, scale_sharpness(1, span, 2.0, 2.0 if form is Form.SG else -1.0))
     assert_only_changes(before, sharper, 1, frame)
     np.testing.assert_allclose(
         touched(sharper, 1, frame, "sharpness"),
@@ -91,7 +93,7 @@ def test_each_edit_changes_its_lobe_as_it_says(form, frame):
     )
     assert torch.equal(sharper.lobes.amplitude, before.lobes.amplitude)
 
-    turned = apply(before, turn(1, frame, start, end))
+    turned = apply(before, turn(1, span, start, end))
     assert_only_changes(before, turned, 1, frame)
     axis = np.cross(start, end)
     cosine = np.dot(start, end) / np.linalg.norm(start) / np.linalg.norm(end)
@@ -106,7 +108,7 @@ def test_each_edit_changes_its_lobe_as_it_says(form, frame):
 def test_a_turn_takes_the_lobe_to_where_it_is_dragged():
     before = moving(range(3))
     target = torch.tensor([0.6, 0.0, -0.8])
-    after = apply(before, turn(2, 1, before.lobes.axis_z[1, 2].tolist(), target.tolist()))
+    after = apply(before, turn(2, Span.at(1), before.lobes.axis_z[1, 2].tolist(), target.tolist()))
     np.testing.assert_allclose(after.lobes.axis_z[1, 2], target, atol=FRAME_ROUNDING)
 
 
@@ -172,7 +174,7 @@ powers = st.floats(-5, 5, allow_nan=False)
 one_edit = st.builds(
     Edit,
     lobe=st.integers(0, LOBES - 1),
-    frame_index=st.one_of(st.none(), st.integers(0, FRAMES - 1)),
+    span=st.one_of(st.none(), st.builds(Span.at, st.integers(0, FRAMES - 1))),
     gain_log2=st.tuples(powers, powers, powers),
     sharpness_log2=st.tuples(powers, powers),
     rotation=st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: math.hypot(*q) > 0.1),
@@ -220,7 +222,7 @@ def test_a_hundred_edits_undone_and_redone_give_every_state_again():
         start, end = random.normal(size=(2, 3))
         kinds = [
             scale_amplitude(step % 3, None, random.normal(), tuple(random.uniform(0, 2, 3))),
-            scale_sharpness(step % 3, int(random.integers(6)), *random.normal(size=2)),
+            scale_sharpness(step % 3, Span.at(int(random.integers(6))), *random.normal(size=2)),
             turn(int(random.integers(3)), None, start, end),
         ]
         history.add(kinds[int(random.integers(3))])
@@ -244,7 +246,7 @@ def test_a_drag_is_one_step():
     np.testing.assert_allclose(
         history.tracks.lobes.amplitude[:, 1], 2 * history.original.lobes.amplitude[:, 1]
     )
-    history.add(scale_amplitude(0, 2, 1.0))
+    history.add(scale_amplitude(0, Span.at(2), 1.0))
     assert history.edited_lobes == (0, 1)
     history.undo()
     history.undo()
@@ -282,7 +284,7 @@ def test_what_is_not_there_cannot_be_edited():
     for edit, message in [
         (scale_amplitude(3, None, 1.0), "lobe: 3 of 3"),
         (scale_amplitude(-1, None, 1.0), "lobe: -1 of 3"),
-        (scale_amplitude(0, 3, 1.0), "frame_index: 3 of 3"),
+        (scale_amplitude(0, Span.at(3), 1.0), "span: 3 to 3 of 3 frames"),
         (scale_sharpness(0, None, 1.0, 0.5), "expected equal ones for sg"),
     ]:
         with pytest.raises(ValueError, match=message):
@@ -294,7 +296,7 @@ def test_edits_of_the_viewer_are_what_the_layer_gives_back(tmp_path):
     write_usd(moving(range(1001, 1006)), tmp_path / "fit.usda", dome_height=2)
     history = EditHistory(read_usd(tmp_path / "fit.usda"))
     history.add(turn(1, None, [0.0, 0.0, 1.0], [1.0, 0.0, 1.0]))
-    history.add(scale_amplitude(2, 3, -1.0, (1.0, 0.5, 0.25)))
+    history.add(scale_amplitude(2, Span.at(3), -1.0, (1.0, 0.5, 0.25)))
     write_edit_layer(
         tmp_path / "edit.usda", tmp_path / "fit.usda", history.tracks, history.edited_lobes
     )

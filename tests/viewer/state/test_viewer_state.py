@@ -12,13 +12,14 @@ from windows import grey
 
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, asg
-from asglight.viewer.gl.arrangement import cells, hit
-from asglight.viewer.state.absolute import lamp_of
+from asglight.viewer.gl.arrangement import cells, hit, mirroring
 from asglight.viewer.state.commands import COMMANDS, command
 from asglight.viewer.state.display import EXPOSURE_EV_MAX, Comparison, Display
-from asglight.viewer.state.editing import Scope
+from asglight.viewer.state.edits.absolute import lamp_of
+from asglight.viewer.state.edits.editing import Moment, Scope
 from asglight.viewer.state.inspector import angles_deg, inspect_ball, inspect_map, stops
-from asglight.viewer.state.viewer_state import Request, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Request
 
 
 def test_lobes_are_those_of_the_frame(two_lamps: LobeTracks) -> None:
@@ -128,7 +129,8 @@ def test_every_command_runs_on_any_state(two_lamps: LobeTracks, entry: object) -
     [
         (
             "Next comparison",
-            "Nothing to compare with. Drop an HDR image or sequence on the window.",
+            "Nothing to compare with. Drop an HDR image or sequence on the window, or open "
+            "another stage as B.",
         ),
         ("Solo the selected lobe", "No lobe is selected. Click one in the map or in the list."),
         ("Mute the selected lobe", "No lobe is selected. Click one in the map or in the list."),
@@ -161,7 +163,7 @@ def test_file_commands_ask_the_window(two_lamps: LobeTracks) -> None:
 def test_undo_and_redo_go_through_the_history(two_lamps: LobeTracks) -> None:
     state = ViewerState(two_lamps)
     stops = lamp_of(state.lobes[0]).intensity
-    state.editing.set_value(state.history, 0, 0, "intensity", stops + 1)
+    state.editing.set_value(state.history, (0,), state.moment, "intensity", stops + 1)
     state.editing.commit(state.history)
     torch.testing.assert_close(state.lobes.amplitude[0], 2 * two_lamps.lobes.amplitude[0, 0])
     command("Undo").run(state)
@@ -178,12 +180,12 @@ def test_controls_change_the_lobe_of_the_shown_frame(two_lamps: LobeTracks, form
     state = ViewerState(tracks)
     state.editing.scope = Scope.ONE
     lamp = lamp_of(state.tracks.lobes[2, 1])
-    state.editing.set_value(state.history, 1, 2, "intensity", lamp.intensity - 2)
+    state.editing.set_value(state.history, (1,), Moment(2, 0, 2), "intensity", lamp.intensity - 2)
     state.editing.commit(state.history)
     wanted = tracks.lobes.amplitude.clone()
     wanted[2, 1] /= 4
     torch.testing.assert_close(state.tracks.lobes.amplitude, wanted)
-    state.editing.set_value(state.history, 1, 2, "width", lamp.width / 2)
+    state.editing.set_value(state.history, (1,), Moment(2, 0, 2), "width", lamp.width / 2)
     narrow = lamp_of(state.tracks.lobes[2, 1])
     assert narrow.width == pytest.approx(lamp.width / 2, rel=1e-4)
     height = lamp.height / 2 if form is Form.SG else lamp.height
@@ -256,3 +258,12 @@ def test_a_ball_is_inspected_where_its_mirror_looks(two_lamps: LobeTracks) -> No
 def test_stops_count_from_middle_grey() -> None:
     assert stops(np.array([0.72, 0.72, 0.72])) == pytest.approx(2)
     assert stops(np.zeros(3)) == -math.inf
+
+
+def test_a_ball_mirrors_a_direction_where_it_is_hit() -> None:
+    (cell,) = cells((100, 100), 1)
+    for x, y in ((20.0, 60.0), (50.0, 50.0), (70.0, 30.0)):
+        found = hit([cell], x, y)
+        assert found is not None
+        np.testing.assert_allclose(mirroring(found.mirrored), found.normal, atol=1e-12)
+    assert mirroring(np.array([0.0, 0.0, -1.0])) is None  # right behind: only the rim mirrors it

@@ -22,12 +22,23 @@ from asglight.images.frame_files import sequence_of
 from asglight.lobes import LobeTracks
 from asglight.usd import read_usd, write_usd
 from asglight.viewer.io import native
+from asglight.viewer.io.autosave import Autosave
 from asglight.viewer.io.browsing import Kind, listed
 from asglight.viewer.state.display import Comparison
-from asglight.viewer.state.edits import scale_amplitude
+from asglight.viewer.state.edits.edit import (
+    Add,
+    Delete,
+    Mute,
+    Rename,
+    Restore,
+    Span,
+    scale_amplitude,
+    turn,
+)
 from asglight.viewer.state.session import Session, no_lobes
 from asglight.viewer.state.source import FixedSource
-from asglight.viewer.state.viewer_state import Request, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Request
 
 CTRL = int(imgui.Key.mod_ctrl)
 
@@ -347,7 +358,7 @@ import os, sys
 from pathlib import Path
 import windows
 from asglight.usd import read_usd
-from asglight.viewer.state.edits import scale_amplitude
+from asglight.viewer.state.edits.edit import scale_amplitude
 
 stage, kept = map(Path, sys.argv[1:])
 
@@ -390,7 +401,7 @@ def test_edits_are_offered_after_a_crash(
         driven.window.save(Request.SAVE_EDITS, stage.with_name("edits.usda"))
         wait_for(test, driven, "Saved edits.usda.")
         test.yield_(3)
-        assert not list(kept.iterdir())  # what is saved is not offered again
+        assert not list(kept.glob("*.json"))  # what is saved is not offered again
 
     drive_stage(script, autosaves=kept)
 
@@ -410,19 +421,19 @@ def test_kept_edits_can_be_discarded(drive_stage: Callable[..., None], tmp_path:
         test.yield_(2)
         press(test, "Discard them")
         assert not driven.state.history.is_changed
-        assert not list(kept.iterdir())
+        assert not list(kept.glob("*.json"))
 
     drive_stage(edit, autosaves=kept)  # ends without an answer of the user
     drive_stage(discard, autosaves=kept)
 
 
-@pytest.mark.parametrize("content", ["", "{}", '{"lobes": [], "frames": [], "edits": []}'])
+@pytest.mark.parametrize("content", ["", "{}", '{"lobes": [], "frames": [], "steps": []}'])
 def test_kept_edits_of_other_lobes_or_damaged_ones_are_not_offered(
     drive_stage: Callable[..., None], stage: Path, tmp_path: Path, content: str
 ) -> None:
-    from asglight.viewer.io.autosave import Autosave
-
-    Autosave(tmp_path, stage).path.write_text(content)
+    autosave = Autosave(tmp_path, stage)
+    autosave.path.write_text(content)
+    autosave.close()
 
     def script(test: Any, driven: Driven) -> None:
         assert driven.window.documents.question is None
@@ -548,18 +559,40 @@ def test_escape_closes_a_list_before_it_deselects(drive: Drive) -> None:
     drive(script)
 
 
-def test_kept_edits_are_what_was_done(
-    drive_stage: Callable[..., None], stage: Path, tmp_path: Path
-) -> None:
-    from asglight.viewer.io.autosave import Autosave
-    from asglight.viewer.state.edits import turn
-
+def test_kept_edits_are_what_was_done(stage: Path, tmp_path: Path) -> None:
     tracks = read_usd(stage)
-    edits = (turn(0, 1, [0, 0, 1], [0, 1, 1]), scale_amplitude(1, None, 1.5, (1.0, 0.5, 2.0)))
+    steps = (
+        (turn(0, Span(0, 1, 2), [0, 0, 1], [0, 1, 1]),),
+        (scale_amplitude(1, None, 1.5, (1.0, 0.5, 2.0)), scale_amplitude(0, None, 1.5)),
+        (Mute(1),),
+        (Add(2, (0.0, 1.0, 0.0), 40.0, (1.0, 0.5, 0.25)),),
+        (Rename(2, "window, left"),),
+        (Restore(0), Delete(1)),
+    )
     autosave = Autosave(tmp_path / "deep" / "unsaved", stage)
-    autosave.keep(tracks, edits)
-    assert autosave.found(tracks) == edits
+    autosave.keep(tracks, steps)
+    assert autosave.found(tracks) == steps
     assert json.loads(autosave.path.read_text())["stage"] == str(stage.resolve())
     autosave.drop()
     autosave.drop()
     assert autosave.found(tracks) == ()
+
+
+def test_two_windows_on_one_stage_keep_their_edits_apart(stage: Path, tmp_path: Path) -> None:
+    tracks = read_usd(stage)
+    first, second = Autosave(tmp_path, stage), Autosave(tmp_path, stage)
+    first.keep(tracks, ((Mute(0),),))
+    second.keep(tracks, ((Mute(1),),))
+    third = Autosave(tmp_path, stage)
+    assert third.found(tracks) == ()  # the others are open: what they keep is theirs
+    assert first.found(tracks) == ((Mute(0),),)
+    assert second.found(tracks) == ((Mute(1),),)
+    second.close()  # as when its program has ended without saving
+    fourth = Autosave(tmp_path, stage)
+    assert fourth.found(tracks) == ((Mute(1),),)
+    fourth.drop()
+    for one in (first, third, fourth):
+        one.close()
+    last = Autosave(tmp_path, stage)
+    assert last.found(tracks) == ((Mute(0),),)
+    last.close()

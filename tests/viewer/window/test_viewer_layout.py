@@ -16,7 +16,7 @@ from asglight.lobes import LobeTracks
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.panels.curves import _limits, track_curves
 from asglight.viewer.state.held import Held
-from asglight.viewer.state.viewer_state import Outlines, Theme
+from asglight.viewer.state.views import Outlines, Theme
 
 SIZES = [
     ((1024, 640), 1.0),
@@ -99,24 +99,38 @@ def test_the_switches_of_a_lobe_are_on_the_line_of_its_name(drive: Drive) -> Non
     drive(script)
 
 
+def tooltip_of(test: Any, item: str) -> Any:
+    """Point at an item and return the window of its tooltip."""
+    test.mouse_move(item)
+    imgui.get_io().config_input_trickle_event_queue = False
+    for _ in range(200):
+        test.yield_()
+        windows_shown = imgui.get_current_context().windows
+        tips = [w for w in windows_shown if "Tooltip" in w.name and w.active]
+        if tips:
+            test.yield_(3)
+            return tips[0]
+    raise AssertionError(f"{item} has no tooltip")
+
+
 def test_a_tooltip_leaves_the_next_control_in_view(drive: Drive) -> None:
     def script(test: Any, driven: Driven) -> None:
         test.yield_(3)
         here, following = box(test, "Look/view"), box(test, "Look/channel")
-        test.mouse_move("Look/view")
-        imgui.get_io().config_input_trickle_event_queue = False
-        tips = []
-        for _ in range(200):
-            test.yield_()
-            windows_shown = imgui.get_current_context().windows
-            tips = [w for w in windows_shown if "Tooltip" in w.name and w.active]
-            if tips:
-                break
-        assert tips
-        test.yield_(3)
-        tip = tips[0]
+        tip = tooltip_of(test, "Look/view")
         assert tip.pos.y + tip.size.y <= here.min.y + 1
         assert tip.pos.y + tip.size.y < following.min.y
+
+    drive(script)
+
+
+def test_a_tooltip_stays_inside_of_the_window(drive: Drive) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        driven.state.select(0)
+        test.yield_(3)
+        tip = tooltip_of(test, "Lobes/intensity")
+        assert tip.pos.x + tip.size.x <= windows.SIZE[0]
+        assert tip.size.x > box(test, "Lobes/intensity").get_width()  # or there would be no need
 
     drive(script)
 

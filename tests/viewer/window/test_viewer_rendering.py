@@ -28,7 +28,8 @@ from asglight.viewer.io.wanted import Wanted
 from asglight.viewer.state.display import Comparison
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
-from asglight.viewer.state.viewer_state import Request, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Request
 
 SIZE = (240, 48)
 

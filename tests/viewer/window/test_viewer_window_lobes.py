@@ -17,11 +17,12 @@ from asglight.lobes import LobeTracks
 from asglight.sphere import latlong
 from asglight.usd import read_usd, write_usd
 from asglight.viewer.gl.arrangement import cells
-from asglight.viewer.state.absolute import lamp_of
-from asglight.viewer.state.edits import scale_amplitude
+from asglight.viewer.state.edits.absolute import lamp_of
+from asglight.viewer.state.edits.edit import Span, scale_amplitude
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
-from asglight.viewer.state.viewer_state import Request, ViewerState
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Request
 
 
 def map_point(test: Any, u: float, v: float) -> ImVec2:
@@ -344,7 +345,7 @@ def test_controls_show_what_a_lobe_is_and_keep_what_was_set(
         assert lamp_of(state.lobes[1]).radiance == pytest.approx(0.9, rel=1e-4)
         test.item_click("Lobes/azimuth", 1)  # the right button
         test.yield_(2)
-        fitted = lamp_of(state.fitted_lobes[1])
+        fitted = lamp_of(state.fitted_lobe(1))
         assert lamp_of(state.lobes[1]).azimuth == pytest.approx(fitted.azimuth, abs=1e-3)
 
     windows.drive(LobeTracks(two_lamps.frames, 24.0, lobes), script)
@@ -375,8 +376,8 @@ def test_the_history_shows_each_edit_and_goes_back_to_it(drive: Drive) -> None:
         state = driven.state
         state.history.add(scale_amplitude(0, None, 1.0))
         state.toggle_mute(1)
-        state.history.add(scale_amplitude(1, 2, 1.0, (1.0, 0.5, 1.0)))
-        assert [edit.what for edit in state.history.steps] == [
+        state.history.add(scale_amplitude(1, Span.at(2), 1.0, (1.0, 0.5, 1.0)))
+        assert [edit.what for step in state.history.steps for edit in step] == [
             "intensity +1.00 EV",
             "mute on or off",
             "colour",

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several starts of a first frame: which end is taken, and which start goes once more.
+
+An end in which no error lags behind comes before one in which any does, and else the one that is
+lit best: starts were asked for the map as well, and some end with more of it at the cost of light.
+"""
+
+import itertools
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+
+from torch import Tensor
+
+from asglight.fitting.first_frame import reweighting
+from asglight.fitting.loss import objective
+from asglight.fitting.steps import light, newton
+from asglight.lobes import Lobes
+from asglight.threads import side_by_side
+
+Finish = Callable[[Lobes, Tensor | None, newton.OnStep | None], newton.Outcome]
+"""Follows a start [N, .] to its end; with factors of J's weights [5], if they are given. The end is
+on the leaves on which ends are compared."""
+
+
+@dataclass(frozen=True)
+class End:
+    """Where a start came to.
+
+    Attributes:
+        seed: The start.  [N, .]
+        found: The end.  F = 1
+        lag: Its errors over what they are to come to.  [5]
+        lit_wrong: J's part of what materials show wrong.
+    """
+
+    seed: Lobes
+    found: newton.Outcome
+    lag: Tensor
+    lit_wrong: float
+
+    @property
+    def behind(self) -> float:
+        """How far what materials show lags behind at most; 1 where nothing of it does."""
+        return max(1.0, float(self.lag[1:].max()))
+
+    @property
+    def order(self) -> tuple[float, float]:
+        """The less the better, for ends of which the map's error can still be mended."""
+        return self.behind, self.lit_wrong
+
+    @property
+    def settled_order(self) -> tuple[float, float]:
+        """The less the better, for ends of which it was."""
+        return max(self.behind, float(self.lag[0])), self.lit_wrong
+
+
+def best_end(
+    seeds: Iterable[Lobes],
+    finish: Finish,
+    frame: objective.Target,
+    aim: Tensor,
+    width_min: float,
+    on_step: newton.OnStep | None = None,
+    again: int = 0,
+    threads: int = 1,
+) -> newton.Outcome:
+    """Follow each start to its end, and return the end to take.
+
+    Where what materials show lags behind in it, starts that came near may go once more with the
+    weight of that raised: which lamps get the lobes is settled on the way. What the map lacks is
+    made up for by steps alone.
+
+    Args:
+        seeds: Starts, one or more, made as they are asked for.  [N, .] each
+        finish: Follows one.
+        frame: The map on the leaves on which ends are compared.
+        aim: What errors are to come to there.
+        width_min: Sigma of the narrowest lobe allowed, radians.
+        on_step: Called with the lobes of the first start, perhaps on another thread.
+        again: Starts that go once more where what materials show lags behind, the nearest first.
+        threads: Starts followed at once, each on a thread of its own: the end does not depend on
+            it. On a GPU it is one at a time, for steps there are recorded.
+    """
+    threads = 1 if frame.radiance.is_cuda else threads
+
+    def reached(seed: Lobes, report: newton.OnStep | None) -> End:
+        return ended(seed, finish(seed, None, report), frame, aim)
+
+    def once_more(end: End) -> End:
+        """Return where a start comes to with what lags behind in its end raised."""
+        weights = reweighting.raised(end.lag)
+        found = ended(end.seed, finish(end.seed, weights, None), frame, aim)
+        return settled(found, frame, aim, width_min, weights)
+
+    reports = itertools.chain([on_step], itertools.repeat(None))
+    calls = (partial(reached, *each) for each in zip(seeds, reports, strict=False))
+    nearest = sorted(side_by_side(calls, threads), key=lambda each: each.order)
+    best = settled(nearest[0], frame, aim, width_min)
+    if best.behind > 1:
+        going = (partial(once_more, end) for end in nearest[:again])
+        for other in side_by_side(going, threads):
+            best = min(best, other, key=lambda each: each.settled_order)
+            if best.settled_order[0] <= 1:
+                break
+    return best.found
+
+
+def settled(
+    end: End,
+    frame: objective.Target,
+    aim: Tensor,
+    width_min: float,
+    weights: Tensor | None = None,
+) -> End:
+    """Return an end after the steps of `reweighting.reweighted`."""
+    found = reweighting.reweighted(end.found, frame, aim, width_min, weights)
+    return ended(end.seed, found, frame, aim)
+
+
+def ended(seed: Lobes, found: newton.Outcome, frame: objective.Target, aim: Tensor) -> End:
+    """Measure an end.
+
+    Args:
+        seed: The start.  [N, .]
+        found: Lobes that took steps.  F = 1
+        frame: The map, with J's own weights.
+        aim: What errors are to come to.
+    """
+    return End(seed, found, reweighting.lags(found, frame, aim), lit_wrong(found, frame))
+
+
+def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
+    """Return `lit_wrong_of_each` of one map."""
+    return float(lit_wrong_of_each(found, frame))
+
+
+def lit_wrong_of_each(found: newton.Outcome, frame: objective.Target) -> Tensor:
+    """Return J's part of what materials show wrong in the end.  [F].
+
+    Args:
+        found: Lobes that took steps.
+        frame: The maps, with J's own weights.
+    """
+    sharp = replace(frame, corners=light.CORNERS)
+    seen = objective.sizes(light.with_amplitudes(found, frame).radiance, sharp).seen
+    return objective.of_materials(seen, sharp)

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the pictures that are compared are called."""
+
+from asglight.viewer.state.display import Subject
+from asglight.viewer.state.viewer_state import ViewerState
+
+
+def titles(state: ViewerState) -> tuple[str, str, str]:
+    """Return what fit, reference and, of A and B, the truth of both are called."""
+    names = {
+        Subject.TOTAL: ("Fit", "Reference (HDRI)"),
+        Subject.FIT: ("Fit, sampled", "Reference (HDRI)"),
+        Subject.SHADING: ("Fit", "Fit, sampled"),
+        Subject.AGAINST: ("A", "B"),
+    }
+    fit, reference = names[state.subject]
+    held = f": {state.reference_label}" if state.reference_label else ""
+    truth = f"Reference (HDRI){held}"
+    if state.against is not None and state.subject is Subject.AGAINST:
+        reference = state.against.label(state.playback.time)
+    else:
+        reference += held
+    return fit if state.is_fitted else f"{fit}: not there yet", reference, truth
