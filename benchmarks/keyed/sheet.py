@@ -2,7 +2,7 @@
 """One picture of keys and rest: the map with its keys drawn on it, the rest, and balls.
 
     make blender-extension
-    python -m benchmarks.keyed.sheet MAP.exr --zip dist/asglight-blender-0.1.0.zip -o keys.png
+    python -m benchmarks.keyed.sheet MAP.exr --zip dist/asglight-blender-0.2.0.zip -o keys.png
 
 The balls, mirror, silver and matte, are lit by the map, by its lobes, and by keys plus rest as a
 stage shows them. With the extension a small set is rendered in Blender under the three as well.

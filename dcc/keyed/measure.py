@@ -25,8 +25,10 @@ from dcc.keyed.board import Shadow
 from dcc.keyed.cases import Case
 from dcc.rows import Array
 
-LIMITS = {"matte": 0.005, "r0.5": 0.005, "r0.25": 0.02}
-"""Of a ball's relative RMS error, beyond the noise of both pictures."""
+LIMITS = {"matte": 0.005, "r0.5": 0.005, "r0.25": 0.04}
+"""Of a ball's relative RMS error, beyond the noise of both pictures. Keys are cut so that r0.25 is
+within 0.02 as `asglight eval` counts it, by means of absolute errors; squares weigh the highlight
+of an uneven lamp, whose card is even, the more."""
 
 DIRECTION_LIMIT_DEG = 0.5
 """Between the shadows: a hundredth of the length of the post."""
