@@ -85,12 +85,12 @@ def frame_cut(
             holes |= shares[index] > 0
     background = cutting.filled(values, closed, grid)
     background = np.where(holes[..., None], background, values)
-    above = np.maximum((values - background).mean(-1), 0)
+    difference = (values - background).mean(-1)
+    above, below = np.maximum(difference, 0), np.maximum(-difference, 0)
     shares = [
         np.where(cutting.lights_beside(mask, matte, above, background.mean(-1)), 0, share)
         for mask, matte, share in zip(masks, mattes, shares, strict=True)
     ]
-    below = np.maximum(background - values, 0).mean(-1)
     total = float((values.mean(-1) * grid.solid_angle).sum())
     seen: list[Seen | None] = []
     for one, own in zip(wanted, shares, strict=False):

@@ -106,14 +106,17 @@ class Seen:
         above = np.clip(self.above - floor * self.mean, 0, high)
         return self.share * above * self.solid_angle
 
-    def filled(self, light: float) -> float:
-        """Return the light that dark rims get of a key's: missing from its card, and new there."""
-        return min(FILLED * light, float((self.share * self.below * self.solid_angle).sum()))
+    def net(self, floor: float = 0.0, high: float = math.inf) -> Array:
+        """Return the key's flux of each texel, below 0 where it fills dark rims.  [P]."""
+        light = self.light(floor, high)
+        dark = self.share * self.below * self.solid_angle
+        return light - dark * min(FILLED * light.sum() / max(dark.sum(), 1e-30), 1)
 
     def cut(self, card: Card, floor: float, high: float) -> KeyCut:
         """Return what the key takes."""
         light = self.light(floor, high)
-        apart = cards.apart(cards.off_by(card, self.patch, light)) / float(light.sum())
+        off = cards.off_by(card, self.patch, self.net(floor, high))
+        apart = cards.apart(off) / float(light.sum())
         turned = aligned(card, self.start)
         carried = float(light.sum()) / self.flux
         low = floor * self.mean
@@ -148,10 +151,10 @@ class Fit:
         balls = cards.balls(lamp.patch)
         rows, light = [], []
         for level in levels:
-            own = lamp.light(floor, level)
+            own = lamp.net(floor, level)
             off = cards.off_by(card, lamp.patch, own)
             seen = (np.abs(ball @ off.astype(np.float32)).sum() for ball in balls)
-            rows.append([cards.apart(off) + 2 * lamp.filled(float(own.sum())), *seen])
+            rows.append([cards.apart(off), *seen])
             light.append(own.sum())
         return cls(lamp, floor, card, levels, np.array(rows) / total, np.array(light) / total)
 

@@ -14,10 +14,11 @@ import numpy as np
 from asglight.keys.spots import Array, Grid, Places
 
 POINTS = 20_000
-"""Points that a lamp is looked at in, at most, in squares of `SIDE_MAX` by `SIDE_MAX` a texel."""
+"""Points that a lamp is looked at in, at most, in squares of `SIDE` by `SIDE` a texel."""
 
-SIDE_MAX = 5
-"""Points in a texel each way, at most: soft edges are right to a few hundredths of a texel."""
+SIDE = (3, 5)
+"""Points in a texel each way, at least and at most: soft edges are right to a tenth of a texel, or
+to a few hundredths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,7 @@ class Patch:
     def of(cls, place: Places, grid: Grid) -> "Patch":
         """Return some texels of a map as points."""
         height, width = grid.solid_angle.shape
-        side = int(np.clip(np.sqrt(POINTS / max(len(place), 1)), 1, SIDE_MAX))
+        side = int(np.clip(np.sqrt(POINTS / max(len(place), 1)), *SIDE))
         row, column = np.divmod(place, width)
         inner = (np.arange(side) + 0.5) / side
         latitude = np.pi / 2 - np.pi * (row[:, None, None] + inner[None, :, None]) / height

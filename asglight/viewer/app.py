@@ -50,6 +50,7 @@ def set_up(
         if frame not in frames and not is_between:
             raise InputError(_missing_frame(frame, session.title, frames))
         state.playback.go_to_time(frame)
+        state.select(state.brightest())
 
 
 def show_ground(session: Session) -> None:

@@ -11,6 +11,7 @@ from imgui_bundle import hello_imgui, immapp
 import glfw  # isort: skip
 
 from asglight.errors import InputError
+from asglight.threads import one_thread
 from asglight.viewer import layout
 from asglight.viewer.gl.context import GL_VERSION
 from asglight.viewer.io.documents import Opener
@@ -84,7 +85,8 @@ def run(
         params.ini_disable = params.app_window_params.hidden = True
         params.fps_idling.enable_idling, params.fps_idling.fps_max = False, 0.0
     try:
-        immapp.run(params, immapp.AddOnsParams(with_implot=True))
+        with one_thread():  # what a picture needs is too little to be worth waking others
+            immapp.run(params, immapp.AddOnsParams(with_implot=True))
     except RuntimeError as error:
         if window.is_open:
             raise

@@ -5,8 +5,8 @@
     python -m benchmarks.keyed.measure ../shared/hdri/*.exr --texture
     python -m benchmarks.keyed.measure --synthetic 100 --seed 1
 
-Each input is fitted with `fast`, its keys are cut, and the stage is read by pxr alone: lights are
-what UsdLux says, seen from the origin along rays through every texel, and the rest is its image.
+The keys of each input are cut, and the stage is read by pxr alone: lights are what UsdLux says,
+seen from the origin along rays through every texel, and the rest is its image.
 The errors are those of docs/results/measures.md; of a sequence the worst frame counts. `flux` is
 the largest error of a channel, `rim` the largest gradient of the rest within the rim of a matte
 over that of the map around it, `pump` how much more the rest changes from frame to frame within the
@@ -14,7 +14,7 @@ mattes than around them, both of the logarithm of radiance.
 
 Synthetic cases are those of `cases.py`. Their `corners` are the largest distance of a card's corner
 from the one of the rectangle that it shows, over the rectangle's shorter side (or three texels,
-where that is more). The last lines have the worst of each kind and of all.
+where that is more). A second table has the worst of each kind and of all.
 """
 
 import argparse
@@ -38,11 +38,10 @@ from asglight.images.decoding.decode import read_header
 from asglight.images.decoding.strips import read_pixels
 from asglight.judging.metrics import maps_errors
 from asglight.lobes import Lobes, LobeTracks
-from asglight.shots import fit_shot
 from asglight.shots.keying import Keying
 from asglight.sphere import latlong
-from asglight.usd import write_usd
-from asglight.usd.options import KeyLights, KeyOptions, StageOptions
+from asglight.usd import WriteReport, write_usd
+from asglight.usd.options import KeyLights, KeyOptions
 from benchmarks.keyed.cases import Case, Quad, cases
 
 RAYS = (12, 300)
@@ -87,13 +86,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     torch.set_num_threads(1)
     heads = ["input", "keys", "keyed %", *SHOWN, "flux", "rim", "pump"]
     if options.inputs:
-        _print_row([*heads, "MB"])
-        _print_row(["---", *["---:"] * len(heads)])
+        _print_head([*heads, "MB"])
     for source in options.inputs:
         _print_row(judged(source, options).cells())
     if options.synthetic:
         print_synthetic(options, [*heads, "corners"])
     return 0
+
+
+def _print_head(heads: Sequence[str]) -> None:
+    _print_row(heads)
+    _print_row(["---", *["---:"] * (len(heads) - 1)])
 
 
 def _print_row(cells: Sequence[str]) -> None:
@@ -139,13 +142,25 @@ class Row:
 
 
 def judged(source: str, options: argparse.Namespace) -> Row:
-    """Fit an input, cut its keys and judge its stage."""
-    keys = KeyOptions(options.keys, KeyLights.RECT, options.texture)
+    """Cut the keys of an input and judge its stage."""
+    keys = _keys(options)
+    written_from = open_sequence(source, missing="hold", height=keys.rest_height)
     with tempfile.TemporaryDirectory() as folder:
         stage = Path(folder) / "keys.usdc"
-        done = fit_shot(source, stage, stage=StageOptions(representations=("keys",)), keys=keys)
-        sequence = open_sequence(source, height=FIT_HEIGHT)
-        return stage_row(sequence, stage, done.keys or {}, done.written.bytes, options.step)
+        written = _written(written_from, keys, stage)
+        sequence = open_sequence(source, missing="hold", height=FIT_HEIGHT)
+        return stage_row(sequence, stage, written.keys or {}, written.bytes, options.step)
+
+
+def _keys(options: argparse.Namespace) -> KeyOptions:
+    return KeyOptions(options.keys, KeyLights.RECT, options.texture)
+
+
+def _written(sequence: ImageSequence, keys: KeyOptions, stage: Path) -> WriteReport:
+    """Write the stage of a shot's keys beside a lobe that says nothing: keys are of images."""
+    tracks = _one_lobe(sequence.frames)
+    keying = Keying(sequence, keys)
+    return write_usd(tracks, stage, representations=("keys",), keys=keying)
 
 
 def stage_row(
@@ -175,17 +190,18 @@ def stage_row(
 
 
 def print_synthetic(options: argparse.Namespace, heads: Sequence[str]) -> None:
-    """Judge cases by chance, print a row for each, and the worst of each kind and of all."""
-    _print_row(heads)
-    _print_row(["---", *["---:"] * (len(heads) - 1)])
+    """Judge cases by chance, print a row for each, then the worst of each kind and of all."""
+    _print_head(heads)
     found: list[tuple[Row, float | None]] = []
     for case in cases(options.synthetic, options.seed, options.rows):
         found.append(judged_case(case, options))
         _print_row(_case_cells(*found[-1]))
+    print()
+    _print_head(heads)
     kinds = dict.fromkeys(row.name.rsplit(" ", 1)[0] for row, _ in found)
     for kind in [*kinds, ""]:
         of_kind = [one for one in found if one[0].name.startswith(kind)]
-        _print_row(_case_cells(*_worst(of_kind, f"worst of {kind or 'all'}")))
+        _print_row(_case_cells(*_worst(of_kind, kind or "all")))
 
 
 def _case_cells(row: Row, corners: float | None) -> list[str]:
@@ -212,7 +228,7 @@ def _worst(found: Sequence[tuple[Row, float | None]], name: str) -> tuple[Row, f
 
 
 def judged_case(case: Case, options: argparse.Namespace) -> tuple[Row, float | None]:
-    """Cut the keys of a case beside a lobe that says nothing, and judge its stage.
+    """Cut the keys of a case, and judge its stage.
 
     Returns:
         Its row, and how far corners are off, None where none are known.
@@ -223,13 +239,7 @@ def judged_case(case: Case, options: argparse.Namespace) -> tuple[Row, float | N
         for number, image in zip(numbers, case.frames, strict=True):
             write_exr(folder / f"case.{number}.exr", image)
         sequence = open_sequence(folder / "case.####.exr")
-        keys = KeyOptions(options.keys, KeyLights.RECT, options.texture)
-        written = write_usd(
-            _one_lobe(tuple(numbers)),
-            folder / "keys.usdc",
-            representations=("keys",),
-            keys=Keying(sequence, keys),
-        )
+        written = _written(sequence, _keys(options), folder / "keys.usdc")
         told = written.keys or {}
         row = stage_row(sequence, folder / "keys.usdc", told, written.bytes)
         row = replace(row, name=case.name)

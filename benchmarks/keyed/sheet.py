@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One picture of keys and rest: the map with its keys drawn on it, the rest, and balls.
+r"""One picture of keys and rest: the map with its keys drawn on it, the rest, and balls.
 
     make blender-extension
     python -m benchmarks.keyed.sheet MAP.exr --zip dist/asglight-blender-0.2.0.zip -o keys.png

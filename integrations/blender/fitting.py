@@ -42,7 +42,7 @@ class ASGLIGHT_OT_fit_world(bpy.types.Operator):  # noqa: N801 - Blender's way t
         ),
         default=NO_KEYS,
     )
-    distance: FloatProperty(name="Distance of cards", default=100.0, min=0.01, unit="LENGTH")
+    distance: FloatProperty(name="Card distance", default=100.0, min=0.01, unit="LENGTH")
     _run: Run | None = None
     _timer: bpy.types.Timer | None = None
     _offset = 0

@@ -39,7 +39,7 @@ class ASGLIGHT_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blen
         name="Show as", items=REPRESENTATIONS, default=AS_STAGE, description="What the lobes become"
     )
     distance: FloatProperty(
-        name="Distance of cards",
+        name="Card distance",
         default=DISTANCE,
         min=0.01,
         soft_max=1000.0,
@@ -51,7 +51,7 @@ class ASGLIGHT_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blen
     )
     offset: IntProperty(name="Frame offset", description="Frames that the light comes later")
     set_time: BoolProperty(
-        name="Frame range and rate",
+        name="Frames and rate",
         default=True,
         description="Give the scene the frames and the rate of the stage",
     )

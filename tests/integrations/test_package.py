@@ -2,10 +2,13 @@
 """The zip of the Blender extension: what Blender asks of it, and what it must not do."""
 
 import ast
+import runpy
 import subprocess
+import sys
 import tomllib
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -56,3 +59,10 @@ def test_every_file_is_free_and_talks_to_nobody(source: Path) -> None:
     assert not names & ABSENT
     if source.parent.name == "plain":
         assert not names & {"bpy", "bpy_extras", "mathutils"}
+
+
+def test_a_blender_without_usd_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    blender = SimpleNamespace(app=SimpleNamespace(usd=SimpleNamespace(supported=False)))
+    monkeypatch.setitem(sys.modules, "bpy", blender)
+    with pytest.raises(ImportError, match="asglight: this Blender was built without USD; expected"):
+        runpy.run_path(str(package.FOLDER / "registration.py"))

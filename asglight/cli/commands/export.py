@@ -41,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     formats = (
         "json: lobe tracks as data, keys and rest too; "
         "glsl: functions that shade with the lobes, or with keys if the stage shows these, as an "
-        "include; gltf: directional lights that move, as a .glb file; "
+        "include; "
+        "gltf: directional lights that move, as a .glb file; "
         "html: a page that needs nothing else, with balls, map and timeline; "
         "physg, nerd: the .npy array of spherical Gaussians that the program reads, [N, 7] of one "
         "frame, [F, N, 7] of several; cards, distant, dome: the stage with this representation too"

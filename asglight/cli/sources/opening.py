@@ -180,8 +180,8 @@ def _stage(stage: Path, request: Request) -> "Session":
             from asglight.usd.read.keys import read_shown_keys
 
             reading = read_stage(stage, request.rig)
-            tracks, muted = reading.unmuted, reading.muted
-            said = findings_line(reading)
+            tracks, said = reading.unmuted, findings_line(reading)
+            muted = reading.muted
             keys = read_shown_keys(stage, request.rig)
             if keys is not None:
                 keyed = Keyed(open_rest(keys.rest), tracks)

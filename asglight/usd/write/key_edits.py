@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd
 
 from asglight.errors import InputError
 from asglight.images.message import shown
@@ -41,7 +41,6 @@ def write_key_edits(
     source: str | Path,
     tracks: LobeTracks,
     edited: Collection[int],
-    dark: Collection[int] = (),
 ) -> WriteReport:
     """Write the edits of a stage's keys as a layer over that stage.
 
@@ -53,7 +52,6 @@ def write_key_edits(
         source: The stage that was edited.
         tracks: Its keys with the edits, in the order of `read_keys`.
         edited: Indices of the keys that were edited.
-        dark: Indices of those that are muted or deleted, which the layer makes invisible.
 
     Returns:
         Files and sample counts.
@@ -76,7 +74,6 @@ def write_key_edits(
             in_rig = as_written(tracks, placement_of(rig, tracks.frames))
             prims = lobe_prims(rig, schema.KEYS)
             built, author, paths = _built(rig, prims, options, in_rig, sorted(edited))
-            _author_dark(built, rig, [prims[index] for index in sorted(dark)])
         built.subLayerPaths = [reference(source, place.parent)]
         staging.export(built, place)
         composed, shown_rig = open_rig(place)
@@ -125,15 +122,6 @@ def _built(
             for name, values in light.tracks.items():
                 author.track(prim, name, values, layer.KEY_TOLERANCE, times)
     return built, author, paths
-
-
-def _author_dark(built: Sdf.Layer, rig: Usd.Prim, prims: list[Usd.Prim]) -> None:
-    """Make keys invisible."""
-    scope = place_of(rig, Representation.KEYS).AppendChild(schema.KEYS)
-    for prim in prims:
-        spec = Sdf.CreatePrimInLayer(built, scope.AppendChild(prim.GetName()))
-        kind = Sdf.ValueTypeNames.Token
-        Sdf.AttributeSpec(spec, schema.VISIBILITY, kind).default = UsdGeom.Tokens.invisible
 
 
 def _check_same(source: Path, tracks: LobeTracks, edited: Collection[int]) -> None:

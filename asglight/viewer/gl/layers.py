@@ -277,6 +277,11 @@ class Integral:
         """The picture so far."""
         return self._preview.texture if self._is_preview else self._pass.texture
 
+    @property
+    def samples(self) -> int:
+        """Samples of each pixel in the picture so far."""
+        return self._pass.samples
+
     def draw(
         self,
         state: ViewerState,

@@ -9,14 +9,11 @@ import numpy as np
 
 from asglight.errors import InputError
 from asglight.viewer.colour import opencolorio
-from asglight.viewer.gl.against import AgainstLayers
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.arrangement import cells, drawn_areas, strip
 from asglight.viewer.gl.compare import ball_errors
 from asglight.viewer.gl.display_pass import DisplayPass
 from asglight.viewer.gl.draft import Draft, Stopwatch
-from asglight.viewer.gl.keyed_light.balls import KeyedBalls
-from asglight.viewer.gl.keyed_light.map import KeyedMap
 from asglight.viewer.gl.layers import (
     Background,
     ClosedForm,
@@ -28,6 +25,8 @@ from asglight.viewer.gl.layers import (
     lit_map,
     lobes_key,
 )
+from asglight.viewer.gl.lights.against import AgainstLayers
+from asglight.viewer.gl.lights.keyed import KeyedBalls, KeyedMap
 from asglight.viewer.gl.passes import (
     Area,
     BackgroundPass,
@@ -149,8 +148,8 @@ class Renderer:
 
     def scoped(self, state: ViewerState) -> Scoped | None:
         """Measure a picture as it was drawn last; while something moves the last one stays."""
-        of_map = self._map_of(state).version
-        versions = *self._versions(), of_map, self._reference_map.version
+        lights_map = self._map_of(state)
+        versions = *self._versions(), lights_map.version, self._reference_map.version
         return self._scopes.measured(state, self._measured(state), versions)
 
     def _measured(self, state: ViewerState) -> moderngl.Texture | None:
@@ -274,7 +273,6 @@ class Renderer:
             return Picture(self._ground.texture), None
         subject = state.subject
         image = state.reference_image
-        self._truth = None
         if subject is Subject.AGAINST:
             return self._against_pair(state, size)
         of_fit, of_reference = self._background_textures(state, size, image)
@@ -282,7 +280,7 @@ class Renderer:
         if image is not None and subject is Subject.FIT:
             front = self._integral(state, size, image, of_lobes=True)
         else:
-            front = self._front(state, size)
+            front = self._own_front(state, size)
         fit = Picture(front, of_fit)
         if state.shown is Comparison.FIT:
             return fit, None
@@ -295,36 +293,29 @@ class Renderer:
         reference = self._integral(state, size, image, of_lobes=of_lobes)
         return fit, Picture(reference, of_fit if of_lobes else of_reference)
 
-    def _front(self, state: ViewerState, size: tuple[int, int]) -> moderngl.Texture:
-        """Bring the balls under the lights up to date, and return them."""
-        if state.keyed is None:
-            self._closed_form.draw(state, size)
-            self.reference_progress = 1.0
-            return self._closed_form.texture
-        if self._keyed_balls is None:
-            self._keyed_balls = KeyedBalls(self._context, self._albedo_table)
-        self._keyed_balls.draw(state, self._closed_form, size)
-        self.reference_progress = self._keyed_balls.progress
-        return self._keyed_balls.texture
-
     def _against_pair(
         self, state: ViewerState, size: tuple[int, int]
     ) -> tuple[Picture, Picture | None]:
         """Bring the balls of A and of B up to date, and those of the HDRI, the truth of both."""
         image = state.reference_image
         of_fit, of_reference = self._background_textures(state, size, image)
-        of_a = self._front(state, size)
+        self.reference_progress = 1.0
+        own = self._own_front(state, size)
         if state.references is not None:
             front = self._blank
-            if image is None or not self.displayed:  # as in `_pair`
-                if image is not None:
-                    self.reference_progress = 0.0
-            else:
+            if image is not None and self.displayed:
                 front = self._integral(state, size, image, of_lobes=False)
-            self._truth = Picture(
-                front, self._blank if of_fit and not of_reference else of_reference
-            )
-        return Picture(of_a, of_fit), self._of_b.balls(state, size)
+            elif image is not None:  # as in `_pair`
+                self.reference_progress = 0.0
+            self._truth = Picture(front, of_reference)
+        return Picture(own, of_fit), self._of_b.balls(state, size)
+
+    def _own_front(self, state: ViewerState, size: tuple[int, int]) -> moderngl.Texture:
+        """Bring the balls under the lights that are edited up to date."""
+        if state.keyed is not None:
+            return self._of_keys(state, size)
+        self._closed_form.draw(state, size)
+        return self._closed_form.texture
 
     @property
     def _of_b(self) -> AgainstLayers:
@@ -336,6 +327,14 @@ class Renderer:
     @property
     def _of_b_versions(self) -> tuple[int, ...]:
         return () if self._against is None else self._against.versions
+
+    def _of_keys(self, state: ViewerState, size: tuple[int, int]) -> moderngl.Texture:
+        """Add samples to the balls under keys and rest, and return them."""
+        if self._keyed_balls is None:
+            self._keyed_balls = KeyedBalls(self._context, self._albedo_table)
+        self._keyed_balls.draw(state, self._closed_form, size)
+        self.reference_progress = self._keyed_balls.progress
+        return self._keyed_balls.texture
 
     def _integral(
         self, state: ViewerState, size: tuple[int, int], image: np.ndarray, *, of_lobes: bool
@@ -385,9 +384,9 @@ class Renderer:
 
     def _versions(self) -> tuple[int, ...]:
         keyed = () if self._keyed_balls is None else (self._keyed_balls,)
-        own = (self._closed_form, self._ground, *keyed)
-        layers = (*own, *self._backgrounds, *self._integrals.values())
-        return *(layer.version for layer in layers), *self._of_b_versions
+        layers = (self._closed_form, *keyed, self._ground, *self._backgrounds)
+        versions = (layer.version for layer in (*layers, *self._integrals.values()))
+        return *versions, *self._of_b_versions
 
     def _bring(
         self,

@@ -27,7 +27,7 @@ class Edited(NamedTuple):
         muted: Indices of the lobes that are muted.
         deleted: Indices of the lobes that are deleted.
         steps: The steps that the tracks hold.
-        are_keys: Whether the lobes are keys of the stage.
+        are_keys: Whether the lobes are keys of the stage: those that are muted are then black.
     """
 
     stage: Path | None
@@ -36,20 +36,20 @@ class Edited(NamedTuple):
     muted: frozenset[int]
     deleted: frozenset[int]
     steps: tuple[Step, ...]
-    are_keys: bool
+    are_keys: bool = False
 
 
 def edited(session: Session) -> Edited:
     """Return what a session has edited."""
-    history = session.state.history
+    history, are_keys = session.state.history, session.state.keyed is not None
     return Edited(
         session.stage,
-        history.saved_tracks,
+        history.lit_tracks if are_keys else history.saved_tracks,
         history.edited_lobes,
         history.muted,
         history.deleted,
         history.done,
-        session.state.keyed is not None,
+        are_keys,
     )
 
 
@@ -87,10 +87,9 @@ def save_edits(edits: Edited, path: Path) -> None:
     """
     assert edits.stage is not None  # as check_can_save has seen
     if edits.are_keys:
-        dark = edits.muted | edits.deleted
-        write_key_edits(path, edits.stage, edits.tracks, edits.lobes, dark)
-        return
-    write_edit_layer(path, edits.stage, edits.tracks, edits.lobes, edits.muted, edits.deleted)
+        write_key_edits(path, edits.stage, edits.tracks, edits.lobes)
+    else:
+        write_edit_layer(path, edits.stage, edits.tracks, edits.lobes, edits.muted, edits.deleted)
 
 
 def display_pixels(target: moderngl.Framebuffer) -> np.ndarray:

@@ -20,9 +20,6 @@ from asglight.viewer.window import Window
 PICTURES_MIN = 4
 """Pictures until docked panels have found their sizes."""
 
-PROGRESS = 0.25
-"""Share of a finished reference that is waited for: half of its noise is below a step of 8 bits."""
-
 PATIENCE_S = 60.0
 """A slow machine gets a noisier reference rather than none."""
 
@@ -61,7 +58,7 @@ class _Photographed(Window):
         super().before_picture()
         self._pictures += 1
         is_late = time.monotonic() - self._began > PATIENCE_S
-        is_drawn = self._pictures > PICTURES_MIN and self.renderer.reference_progress >= PROGRESS
+        is_drawn = self._pictures > PICTURES_MIN and self.renderer.reference_progress >= 1
         hello_imgui.get_runner_params().app_shall_exit = is_drawn or is_late
 
 

@@ -97,7 +97,7 @@ def _labels(
 ) -> None:
     """Say what each row of balls is, and how far each ball is off."""
     fit, reference, truth = titles(state)
-    progress = _progress(renderer)
+    progress = "   preview" if state.is_moving and state.references else _progress(renderer)
     pad = widgets.em(0.4)
     if state.scene is Scene.GROUND:
         light = fit if state.keyed is None else "Lobes, as fitted: keys and rest light balls only"
@@ -161,7 +161,8 @@ def _ball_labels(
     gap = "" if errors[0].startswith("\n") else "   "
     labels = [f"{name}{gap}{error}".rstrip() for name, error in zip(names, errors, strict=True)]
     widest = max(imgui.calc_text_size(label).x for label in labels)
-    if widest > 1.2 * arrangement[0].size:  # one would touch its neighbour: all are shortened
+    # One would touch its neighbour, or one of another row would: all are shortened.
+    if widest > 1.2 * arrangement[0].size or state.parts == 3:
         labels = [label.removeprefix("roughness ") for label in labels]
     for cell, label in zip(arrangement, labels, strict=True):
         x, y = _under(cell, origin, points)

@@ -12,6 +12,7 @@ from asglight.sphere import latlong
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.panels import legend, widgets
 from asglight.viewer.state.commands import command
+from asglight.viewer.state.edits import acting
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.picking import pick
 from asglight.viewer.state.viewer_state import ViewerState
@@ -122,7 +123,7 @@ def _pick(state: ViewerState, direction: list[float], tolerance: float) -> None:
     io = imgui.get_io()
     adds = io.key_ctrl or io.key_shift
     if lobe is not None and adds:
-        state.select_also(lobe)
+        acting.select_also(state, lobe)
     elif not adds and (lobe is None or lobe not in state.selected):
         state.select(lobe)
 
@@ -136,22 +137,16 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
         Outlines.SELECTED: tuple(index for index in present if index in selected),
         Outlines.NONE: (),
     }[state.outlines]
-    of_keys = None if state.keyed is None else _cards(Held(state.lobes))
-    drawn: list[outlines.Polylines] = []
-    if of_keys is not None:
-        drawn = [one.curves for one in of_keys]
-    elif state.outlines is Outlines.ALL:
-        drawn = _curves(Held(state.lobes))
+    are_keys = state.keyed is not None
+    others = _KEY if are_keys else widgets.FAINT
+    drawn = _curves(Held(state.lobes), are_keys) if state.outlines is Outlines.ALL else []
     for index in wanted:
         is_selected = index in selected
-        others = widgets.FAINT if of_keys is None else _KEY
         shade = widgets.ACCENT if is_selected else others
         colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
-        outline = None
-        if is_selected:
-            outline = of_keys[index] if of_keys else _outline(Held(state.lobes), index)
+        outline = _outline(Held(state.lobes), index, are_keys) if is_selected else None
         for line in outline.curves if outline else drawn[index]:
-            if of_keys is not None:
+            if are_keys:
                 _polyline(draw, line, origin, points, widgets.colour(_SHADOW), 4.0)
             _polyline(draw, line, origin, points, colour, 2.0 if is_selected else 1.0)
         for line in (*outline.arm_x, *outline.arm_y) if outline else ():
@@ -162,21 +157,18 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
 
 
 @lru_cache(maxsize=2)
-def _curves(lobes: Held[Lobes]) -> list[outlines.Polylines]:
+def _curves(lobes: Held[Lobes], are_keys: bool) -> list[outlines.Polylines]:
     """Return the outlines of a frame; they take milliseconds, so that they are kept."""
+    if are_keys:
+        return [outline.curves for outline in key_cards.outlines(lobes.value)]
     return outlines.curves(lobes.value)
 
 
 @lru_cache(maxsize=32)
-def _outline(lobes: Held[Lobes], index: int) -> outlines.Outline:
-    """Return the outline of one lobe, with its arms."""
-    return outlines.outlines(lobes.value.select(torch.tensor([index])))[0]
-
-
-@lru_cache(maxsize=2)
-def _cards(keys: Held[Lobes]) -> list[outlines.Outline]:
-    """Return the rectangles of keys, likewise."""
-    return key_cards.outlines(keys.value)
+def _outline(lobes: Held[Lobes], index: int, are_keys: bool) -> outlines.Outline:
+    """Return the outline of one lobe, or the rectangle of one key, with its arms."""
+    one = lobes.value.select(torch.tensor([index]))
+    return (key_cards.outlines if are_keys else outlines.outlines)(one)[0]
 
 
 def _polyline(

@@ -7,9 +7,9 @@ from enum import StrEnum
 from typing import Any, TypeVar
 
 from asglight.viewer.state.display import EXPOSURE_EV_STEP
-from asglight.viewer.state.edits import editing
+from asglight.viewer.state.edits import acting, editing
 from asglight.viewer.state.viewer_state import ViewerState
-from asglight.viewer.state.views import Renaming, Request
+from asglight.viewer.state.views import Request
 
 E = TypeVar("E", bound=StrEnum)
 
@@ -141,7 +141,7 @@ def _toggle_mute(state: ViewerState, lobes: tuple[int, ...]) -> None:
 
 
 def _rename(state: ViewerState, lobes: tuple[int, ...]) -> None:
-    state.renaming = Renaming(lobes[0], state.lobe_names[lobes[0]])
+    acting.rename(state, lobes[0])
 
 
 def _restore(state: ViewerState, lobes: tuple[int, ...]) -> None:
@@ -151,9 +151,9 @@ def _restore(state: ViewerState, lobes: tuple[int, ...]) -> None:
 def _add_lobe(state: ViewerState) -> None:
     """Add one where the pointer was last, or where the camera looks."""
     if state.inspected is not None:
-        state.add_lobe(state.inspected.direction.tolist())
+        acting.add_lobe(state, state.inspected.direction.tolist())
     else:
-        state.add_lobe((state.camera.from_environment().T @ [0.0, 0.0, 1.0]).tolist())
+        acting.add_lobe(state, (state.camera.from_environment().T @ [0.0, 0.0, 1.0]).tolist())
 
 
 def _select_every(state: ViewerState) -> None:
@@ -242,10 +242,10 @@ COMMANDS = (
     Command("Compare", "Shift+R", "Overall, fit only, shading only or A and B", _next_subject),
     Command("Compare", "Ctrl+B", "Open another stage as B", _request(Request.OPEN_AGAINST)),
     Command("Compare", "Shift+B", "End A and B", lambda s: s.compare_against(None)),
-    Command("Lobes", "S", "Solo the selected lobe", _of_selected(ViewerState.toggle_solo)),
+    Command("Lobes", "S", "Solo the selected lobe", _of_selected(acting.toggle_solo)),
     Command("Lobes", "X", "Mute the selected lobe", _of_selected(_toggle_mute)),
     Command("Lobes", "N", "Add a lobe at the pointer", _add_lobe),
-    Command("Lobes", "Delete", "Delete the selected lobe", _of_selected(ViewerState.delete)),
+    Command("Lobes", "Delete", "Delete the selected lobe", _of_selected(acting.delete)),
     Command("Lobes", "F2", "Rename the selected lobe", _of_selected(_rename)),
     Command("Lobes", "Shift+X", "The selected lobe as it was fitted", _of_selected(_restore)),
     Command("Lobes", "Ctrl+A", "Select every lobe", _select_every),

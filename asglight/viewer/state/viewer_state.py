@@ -3,7 +3,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import torch
@@ -185,7 +185,7 @@ class ViewerState:
         self.history = EditHistory(tracks, muted)
         self.playback = Playback(tracks.frames, tracks.fps)
         self.span = TimeSpan(tracks.frames[0], tracks.frames[-1] + 1)
-        self.selection = Selection(self._brightest())
+        self.selection = Selection(self.brightest())
         self.compare_with(references)
 
     def compare_with(self, references: Reference | None) -> None:
@@ -218,7 +218,7 @@ class ViewerState:
         had_lobes = self.tracks.lobes.count > 0
         self.history = self.history.over(tracks)
         if not had_lobes:
-            self.select(self._brightest())
+            self.select(self.brightest())
         if tracks.frames != self.playback.frames:
             frame = self.playback.frame
             self.span = TimeSpan(tracks.frames[0], tracks.frames[-1] + 1)
@@ -273,38 +273,9 @@ class ViewerState:
         """Tell whether a lobe takes part."""
         return lobe in self.lit
 
-    def together_with(self, lobe: int) -> tuple[int, ...]:
-        """Return the lobes that an action on one means: all selected, if it is one of them."""
-        selected = self.selected
-        others = tuple(other for other in selected if other != lobe)
-        return (lobe, *others) if lobe in selected else (lobe,)
-
     def toggle_mute(self, *lobes: int) -> None:
         """Mute lobes, or let them light again: an edit as any other."""
         editing.toggle_mute(self.history, lobes)
-
-    def toggle_solo(self, lobes: Iterable[int]) -> None:
-        """Let only these and others like them light, or end that."""
-        solo, lobes = self.selection.solo, set(lobes)
-        if lobes <= solo:
-            solo -= lobes
-        else:
-            solo |= lobes
-
-    def delete(self, lobes: tuple[int, ...]) -> None:
-        """Delete lobes; none of them is selected or alone any more."""
-        editing.delete(self.history, lobes)
-        self.selection.solo -= set(lobes)
-        self.select(None)
-
-    def add_lobe(self, direction: Sequence[float]) -> None:
-        """Add a lobe and select it, unless there is no room or a fit still brings lobes."""
-        if self.is_fitting:
-            self.message = "Lobes can be added when the fit has ended."
-        elif self.tracks.lobes.count >= lobes_max(self.tracks.lobes.form):
-            self.message = f"No room: the viewer holds {self.tracks.lobes.count} lobes."
-        else:
-            self.select(editing.add(self.history, self.playback.index, direction))
 
     @property
     def lit_lobes(self) -> Lobes:
@@ -358,8 +329,8 @@ class ViewerState:
     def _shown(self, compared: Compared) -> Comparison:
         if not self.subjects:
             return Comparison.FIT
-        has_light = self.against or self.tracks.lobes.count or self.keyed is not None
-        return compared.shown if has_light else Comparison.REFERENCE
+        has_light = self.tracks.lobes.count or self.keyed is not None
+        return compared.shown if self.against or has_light else Comparison.REFERENCE
 
     @property
     def reference_image(self) -> np.ndarray | None:
@@ -417,30 +388,6 @@ class ViewerState:
         self.selection.is_new = lobe is not None and lobe != self.selection.lobe
         self.selection.lobe, self.selection.others = lobe, ()
 
-    def select_also(self, lobe: int) -> None:
-        """Select a lobe beside the others, first of them; or leave it out if it is selected."""
-        others = tuple(other for other in self.selected if other != lobe)
-        if lobe in self.selected:
-            self.selection.lobe = others[0] if others else None
-            self.selection.others = others[1:]
-        else:
-            self.selection.lobe, self.selection.others = lobe, others
-
-    def select_to(self, lobe: int, order: Sequence[int]) -> None:
-        """Select all lobes of a list from the one selected first to another.
-
-        Args:
-            lobe: The other end.
-            order: Indices of the lobes as they are listed.
-        """
-        selected = self.selected
-        start = order.index(selected[0] if selected else lobe)
-        end = order.index(lobe)
-        between = order[min(start, end) : max(start, end) + 1]
-        first = order[start]
-        self.selection.lobe = first
-        self.selection.others = tuple(other for other in between if other != first)
-
-    def _brightest(self) -> int | None:
+    def brightest(self) -> int | None:
         """Return the lobe with the most energy in the shown frame, if there are any."""
         return int(energies(self.lobes).argmax()) if self.tracks.lobes.count else None

@@ -11,7 +11,7 @@ import pytest
 from asglight.cli.main import main
 from asglight.errors import InputError
 from asglight.judging.stress import run as stress
-from asglight.judging.stress.case import Case
+from asglight.judging.stress.case import Case, Group
 from asglight.judging.stress.cases import CASES
 from asglight.judging.stress.run import Measured, Result, Tools
 
@@ -25,7 +25,9 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> list[Tools]:
 
     def run_case(case: Case, tools: Tools) -> Result:
         handed.append(tools)
-        names = ("finite", "flux", "irr", "gradient", "shader", "balls", "stage")
+        names = ["finite", "flux", "irr", "gradient", "shader", "balls", "stage"]
+        if case.group is Group.RECOVERY:
+            names += ["direction", "sharpness", "amplitude"]
         return Result(case, {name: Measured(0.5, 0.1, 0.1) for name in names}, 3, 1)
 
     monkeypatch.setattr(stress, "run_case", run_case)

@@ -13,7 +13,7 @@ from usd_tracks import moving
 
 from asglight.lobes import LobeTracks
 from asglight.viewer.state.commands import command
-from asglight.viewer.state.edits import editing
+from asglight.viewer.state.edits import acting, editing
 from asglight.viewer.state.edits.absolute import lamp_of
 from asglight.viewer.state.edits.applying import apply
 from asglight.viewer.state.edits.edit import Add, Edit, Span, scale_amplitude
@@ -214,13 +214,13 @@ def state_of(lobes: int = 4) -> ViewerState:
 def test_selection_grows_shrinks_and_spans() -> None:
     state = state_of()
     state.select(2)
-    state.select_also(0)
+    acting.select_also(state, 0)
     assert state.selected == (0, 2)
-    state.select_also(0)
+    acting.select_also(state, 0)
     assert state.selected == (2,)
-    state.select_to(1, [3, 1, 0, 2])
+    acting.select_to(state, 1, [3, 1, 0, 2])
     assert state.selected == (2, 1, 0)
-    state.select_to(3, [3, 1, 0, 2])
+    acting.select_to(state, 3, [3, 1, 0, 2])
     assert state.selected == (2, 3, 1, 0)
     command("Delete the selected lobe").run(state)
     assert state.selected == ()

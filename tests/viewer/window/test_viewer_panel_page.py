@@ -23,7 +23,7 @@ def test_the_panel_of_the_page_draws_and_changes_the_state(
     drawn: list[str] = []
     text = imgui.text
 
-    def inspector(state: Any) -> None:
+    def inspector(state: Any, *_: Any) -> None:
         monkeypatch.setattr(imgui, "text", lambda words: (drawn.append(words), text(words)))
         names["totals"](state)
         monkeypatch.setattr(imgui, "text", text)

@@ -11,6 +11,7 @@ from asglight.viewer.panels.lights.controls import edit_controls
 from asglight.viewer.panels.lights.keys import ROWS_BESIDE, beside_keys, rest_energy
 from asglight.viewer.state import picking
 from asglight.viewer.state.commands import command
+from asglight.viewer.state.edits import acting
 from asglight.viewer.state.edits.editing import rename
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
@@ -113,9 +114,9 @@ def _row(state: ViewerState, lobe: int, share: float, order: list[int]) -> None:
         imgui.table_next_column()
         if _switch(label, lobe in chosen):
             if label == "M":
-                state.toggle_mute(*state.together_with(lobe))
+                state.toggle_mute(*acting.together_with(state, lobe))
             else:
-                state.toggle_solo(state.together_with(lobe))
+                acting.toggle_solo(state, acting.together_with(state, lobe))
         entry = command(name)
         widgets.tooltip(entry.name.replace("the selected", "this"), f"{entry.keys}, when selected")
     imgui.pop_style_var()
@@ -136,7 +137,7 @@ def _name(state: ViewerState, lobe: int, order: list[int]) -> None:
     if clicked:
         _select(state, lobe, order)
     if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-        state.renaming = Renaming(lobe, shown)
+        acting.rename(state, lobe)
     if selection.lobe == lobe and selection.is_new:
         selection.is_new = False
         imgui.set_scroll_here_y(0.5)
@@ -150,9 +151,9 @@ def _name(state: ViewerState, lobe: int, order: list[int]) -> None:
 def _select(state: ViewerState, lobe: int, order: list[int]) -> None:
     io = imgui.get_io()
     if io.key_ctrl:
-        state.select_also(lobe)
+        acting.select_also(state, lobe)
     elif io.key_shift:
-        state.select_to(lobe, order)
+        acting.select_to(state, lobe, order)
     else:
         state.select(lobe)
 
