@@ -37,10 +37,7 @@ from asglight.usd.write.staging import WriteReport
 
 
 def write_key_edits(
-    path: str | Path,
-    source: str | Path,
-    tracks: LobeTracks,
-    edited: Collection[int],
+    path: str | Path, source: str | Path, tracks: LobeTracks, edited: Collection[int]
 ) -> WriteReport:
     """Write the edits of a stage's keys as a layer over that stage.
 
