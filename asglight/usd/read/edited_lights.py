@@ -240,10 +240,10 @@ def _with_dome(
         return lobes, [f"{dome.GetPath()}: is no DomeLight; its lobes are as they were"]
     found = dome_edits(view, dome)
     words = found.words
-    if found.of_light:
+    if found.dimmed:
         scaled = lobes.amplitude * torch.from_numpy(found.light)[:, None]
         lobes = replace(lobes, amplitude=torch.where(own, scaled, lobes.amplitude))
-    if found.of_turn:
+    if found.turned:
         axes = torch.where(own[..., None], turned(lobes, found.turns).axes, lobes.axes)
         lobes = replace(lobes, axes=axes)
     return lobes, [f"{dome.GetPath()}: {', '.join(words)}"] if words else []
@@ -255,29 +255,29 @@ class DomeEdits(NamedTuple):
     Attributes:
         light: What its images are multiplied by.  [F, 3]
         turns: How it is turned in the rig, orthogonal, for row vectors.  [F, 3, 3]
-        of_light: What is said of its light.
-        of_turn: What is said of its turn.
+        dimmed: What is said of its light.
+        turned: What is said of its turn.
     """
 
     light: Array
     turns: Array
-    of_light: list[str]
-    of_turn: list[str]
+    dimmed: list[str]
+    turned: list[str]
 
     @property
     def words(self) -> list[str]:
         """Return all that is said."""
-        return [*self.of_light, *self.of_turn]
+        return [*self.dimmed, *self.turned]
 
 
 def dome_edits(view: View, dome: Usd.Prim) -> DomeEdits:
     """Find what another program changed in a dome that is there."""
     light = view.brightness(dome) * ~view.hidden(dome)[:, None]
-    of_light = _factor("light", np.ones(len(light)), light.max(-1))
-    of_light += ["another colour"] if np.ptp(light, axis=-1).max() > EDITED else []
+    dimmed = _factor("light", np.ones(len(light)), light.max(-1))
+    dimmed += ["another colour"] if np.ptp(light, axis=-1).max() > EDITED else []
     left, _, right = np.linalg.svd(view.placement.relative(view.world(dome))[:, :3])
     turns = upright(dome)[:3, :3].T @ (left @ right)
-    return DomeEdits(light, turns, of_light, turn_words(turns))
+    return DomeEdits(light, turns, dimmed, turn_words(turns))
 
 
 def upright(dome: Usd.Prim) -> Array:
