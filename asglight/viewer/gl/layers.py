@@ -30,6 +30,7 @@ from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_tabled
 from asglight.viewer.reference.reference_map import levels
 from asglight.viewer.state.compared.against import Lit
 from asglight.viewer.state.held import Held
+from asglight.viewer.state.shown import shown_lobes
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.uniforms.map_lobes import widened
 
@@ -121,7 +122,7 @@ class ClosedForm(Layer):
 
 
 class Ground(Layer):
-    """A ball and a post on the ground, lit by the lobes."""
+    """A ball and a post on the ground, lit by the lobes; of a keyed stage too, by all of them."""
 
     def __init__(self, context: moderngl.Context, albedo_table: moderngl.Texture) -> None:
         """Compile the passes."""
@@ -132,7 +133,10 @@ class Ground(Layer):
         """Bring the layer up to date."""
         ball = state.balls[state.ground_ball]
         if self.needs((lobes_key(state), camera_key(state), ball), size):
-            self._pass.draw(state.lit_lobes, ball, state.camera, self._target)
+            lobes, playback = state.lit_lobes, state.playback
+            if state.keyed is not None:
+                lobes = shown_lobes(Held(state.keyed.lobes), playback.index, playback.part)
+            self._pass.draw(lobes, ball, state.camera, self._target)
 
 
 class LobesMap(Layer):
