@@ -87,11 +87,13 @@ blender-pictures: setup setup-dcc blender-extension  ## a moving shot in Blender
 
 test-dcc: setup setup-dcc test-blender  ## stages of SEQUENCES in Blender and Mitsuba: tables, JSON (dcc-output/)
 	$(BIN)/python -m dcc.measure --sequences "$(SEQUENCES)" -o dcc-output
+	$(BIN)/python -m dcc.keyed.measure --sequences "$(SEQUENCES)" --stills "$(MAPS)/esplanade.exr" --zip $(EXTENSION) -o dcc-output/keyed
 
 test-dcc-short: setup setup-dcc blender-extension  ## the same on the built-in sky, Blender only
 	$(BIN)/python -m dcc.measure --short --size 12 --samples 1536 -o dcc-output/short
 	$(BIN)/python -m pytest tests/integrations -m blender
 	$(BIN)/python -m dcc.moving.measure --short --size 12 --samples 512 --zip $(EXTENSION) -o dcc-output/short-moving
+	$(BIN)/python -m dcc.keyed.measure --short --size 12 --samples 512 --zip $(EXTENSION) -o dcc-output/short-keyed
 
 test-ball-truth: setup setup-dcc  ## what judges balls, and draws them, against Mitsuba: two tables
 	$(BIN)/python -m dcc.ball_truth

@@ -12,9 +12,6 @@
 #include "lib/latlong.glsl"
 
 const int SMOOTH_DISCS = 5;
-// Width of a texel that is filtered linearly, over the root of the solid angle of an even disc of the
-// same variance: (2 / 2) / sqrt(PI).
-const float DISC_TEXEL = 0.5641896;
 
 uniform vec3 u_cell;          // column, row and size in pixels
 uniform sampler2D u_table;    // radiance over the grid of normals; without TABLE, irradiance over pi
@@ -38,10 +35,10 @@ vec3 at_normal(vec2 place, float radius) {
 }
 
 #ifndef TABLE
-// Return the mean of the map over a solid angle.
-vec3 around(vec3 direction, float solid_angle) {
+// Return the map in texels of a squared width, filtered linearly.
+vec3 around(vec3 direction, float width2) {
     float rows = float(textureSize(u_map, 0).y);
-    float lod = log2(max(sqrt(solid_angle) * DISC_TEXEL * rows / PI, 1.0));
+    float lod = log2(max(sqrt(width2) * rows / PI, 1.0));
     return textureLod(u_map, latlong_uv(direction), lod).rgb;
 }
 
@@ -53,8 +50,9 @@ vec3 mirrored(vec3 normal, float pixel) {
     for (int k = 0; k < SMOOTH_DISCS; ++k) {
         float root = sqrt((float(k) + 0.5) / float(SMOOTH_DISCS));
         float rho2 = alpha * alpha * root / (1.0 - root);
-        // dl = 4 v.h dh; no wider than the sphere
-        sum += around(direction, min(of_pixel + 4.0 * PI * normal.z * rho2, 4.0 * PI));
+        // dl = 4 v.h dh; a texel filtered linearly has the variance of an even disc of its width as
+        // radius. Texels as wide as pixels are apart show each lamp with all of its light.
+        sum += around(direction, min(of_pixel + 4.0 * normal.z * rho2, 4.0));
     }
     return sum / float(SMOOTH_DISCS);
 }

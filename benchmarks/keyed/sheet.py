@@ -2,8 +2,7 @@
 r"""One picture of keys and rest: the map with its keys drawn on it, the rest, and balls.
 
     make blender-extension
-    python -m benchmarks.keyed.sheet MAP.exr --zip dist/asglight-blender-0.1.0.zip \
-        -o docs/images/keys.png
+    python -m benchmarks.keyed.sheet MAP.exr --zip dist/asglight-blender-0.2.0.zip -o keys.png
 
 The balls, mirror, silver and matte, are lit by the map, by its lobes, and by keys plus rest as a
 stage shows them. With the extension a small set is rendered in Blender under the three as well.
@@ -30,7 +29,6 @@ from asglight.judging.compare.spheres import SPHERES, render
 from asglight.judging.metrics import maps_errors
 from asglight.judging.pictures.display import (
     ball_exposure_stops,
-    exposure_stops,
     luminance,
     view_transform,
 )
@@ -49,6 +47,9 @@ RENDERED = (420, 236)
 
 MIDDLE_GREY = 0.3
 """Display-linear level that the median of what is rendered under the map is brought to."""
+
+NEARLY_WHITE = 0.8
+"""Display-linear level that the ninth decile of the rest is brought to."""
 
 SIZE = 204
 """Pixels that balls are computed in."""
@@ -89,7 +90,7 @@ def draw(source: Path, target: Path, rendered: Sequence[Tensor], *, textured: bo
     size = radiance.shape[:2]
     maps = torch.stack([radiance, texels.texel_means(lobes, *size), cut.texel_means(*size)])
     errors = maps_errors(maps[1:], radiance)
-    stops, balls = exposure_stops(radiance[None]), render(maps, SIZE)
+    stops, balls = _map_stops(cut.rest), render(maps, SIZE)
     ball_stops = ball_exposure_stops(balls[:1])
     width = 2 * MAP[0] + GAP + 2 * LEFT
     note = f"sRGB; maps {stops:+.1f} stops, balls {ball_stops:+.1f} stops"
@@ -133,6 +134,12 @@ def draw(source: Path, target: Path, rendered: Sequence[Tensor], *, textured: bo
     if rendered:
         _rendered(figure, rendered, top, round(group + 3 * GAP))
     save(figure, target)
+
+
+def _map_stops(rest: Tensor) -> float:
+    """Return the exposure at which a tenth of the rest is brighter than white nearly is."""
+    levels = luminance(rest.double())
+    return math.log2(NEARLY_WHITE / float(levels.quantile(0.9)))
 
 
 def _rendered(figure: Figure, pictures: Sequence[Tensor], top: int, step: int) -> None:

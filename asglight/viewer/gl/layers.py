@@ -27,8 +27,10 @@ from asglight.viewer.gl.passes import (
 from asglight.viewer.gl.reference.reference_cache import ReferenceCache
 from asglight.viewer.gl.reference.reference_pass import ReferencePass
 from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_tabled
+from asglight.viewer.reference.reference_map import levels
 from asglight.viewer.state.compared.against import Lit
 from asglight.viewer.state.held import Held
+from asglight.viewer.state.shown import shown_lobes
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.uniforms.map_lobes import widened
 
@@ -120,7 +122,7 @@ class ClosedForm(Layer):
 
 
 class Ground(Layer):
-    """A ball and a post on the ground, lit by the lobes."""
+    """A ball and a post on the ground, lit by the lobes; of a keyed stage too, by all of them."""
 
     def __init__(self, context: moderngl.Context, albedo_table: moderngl.Texture) -> None:
         """Compile the passes."""
@@ -131,7 +133,10 @@ class Ground(Layer):
         """Bring the layer up to date."""
         ball = state.balls[state.ground_ball]
         if self.needs((lobes_key(state), camera_key(state), ball), size):
-            self._pass.draw(state.lit_lobes, ball, state.camera, self._target)
+            lobes, playback = state.lit_lobes, state.playback
+            if state.keyed is not None:
+                lobes = shown_lobes(Held(state.keyed.lobes), playback.index, playback.part)
+            self._pass.draw(lobes, ball, state.camera, self._target)
 
 
 class LobesMap(Layer):
@@ -197,8 +202,15 @@ class ReferenceMap:
         self.version += 1
 
     def filter_levels(self) -> None:
-        """Make the map's levels, and filter between them from now on."""
-        self._texture.build_mipmaps()  # boxes of texels: near a pole not of even solid angles
+        """Make the map's levels, means over solid angles, and filter between them from now on."""
+        assert self._image is not None  # upload comes first
+        opaque = np.ones((*self._image.shape[:2], 4), np.float32)
+        opaque[..., :3] = self._image
+        coarser = levels(opaque)[1:]
+        self._texture.build_mipmaps(0, len(coarser))  # the room; what it holds is written anew
+        for level, values in enumerate(coarser, start=1):
+            self._texture.write(values.tobytes(), level=level)
+        self._texture.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR
 
     def filter_linearly(self) -> None:
         """Leave the levels out again."""

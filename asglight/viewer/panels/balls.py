@@ -100,7 +100,8 @@ def _labels(
     progress = "   preview" if state.is_moving and state.references else _progress(renderer)
     pad = widgets.em(0.4)
     if state.scene is Scene.GROUND:
-        title = f"{fit}, {state.balls[state.ground_ball].name}"
+        light = fit if state.keyed is None else "Lobes, as fitted: keys and rest light balls only"
+        title = f"{light}, {state.balls[state.ground_ball].name}"
         widgets.label_over(origin.x + pad, origin.y + pad, title)
         return
     shown = state.shown

@@ -69,14 +69,14 @@ def prepared(radiance: np.ndarray) -> ReferenceMap:
     weights = sun_over_rest * solid_angle
     total = float(weights.sum())
     return ReferenceMap(
-        levels=tuple(_levels(level)),
+        levels=tuple(levels(level)),
         shares=_shares(weights, solid_angle),
         sun_density=1 / total if total > 0 else 0.0,
         diffuse=_diffuse(torch.from_numpy(level[..., :3])),
     )
 
 
-def _levels(level: np.ndarray) -> list[np.ndarray]:
+def levels(level: np.ndarray) -> list[np.ndarray]:
     """Halve a map down to one texel, each texel the mean over its solid angle."""
     levels = [level]
     current = torch.from_numpy(level)
