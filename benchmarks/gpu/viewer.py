@@ -10,7 +10,7 @@ from asglight.lobes import Lobes
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.balls_pass import BallsPass
 from asglight.viewer.gl.context import describe, standalone_context
-from asglight.viewer.gl.layers import SAMPLES_AT_ONCE
+from asglight.viewer.gl.layers import SAMPLES_MOST
 from asglight.viewer.gl.passes import radiance_target
 from asglight.viewer.gl.reference.reference_pass import ReferencePass
 from asglight.viewer.state.balls import ball_row
@@ -46,7 +46,7 @@ def measure(given: Given) -> Iterator[Row]:
         by_lobes(lobes)
         if reference.samples >= reference.target_samples:
             reference.restart(balls, np.eye(3), cells, (3 * size, 2 * size))
-        reference.accumulate(SAMPLES_AT_ONCE)
+        reference.accumulate(SAMPLES_MOST)
 
     for count in LOBES:
         lobes = lamps(count, 0)

@@ -174,7 +174,7 @@ def test_a_bug_is_a_failure_that_asks_for_a_report(
 
 
 VIEWER = (
-    "import time\nfrom asglight.cli import built_in\n"
+    "import time\nfrom asglight.cli.sources import built_in\n"
     "from asglight.cli.sources.live_source import LiveJob, LiveSource\n"
     "if __name__ == '__main__':\n"
     "    source = LiveSource(LiveJob(built_in.FRAMES, lobes=3))\n"
