@@ -139,7 +139,9 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     }[state.outlines]
     are_keys = state.keyed is not None
     others = _KEY if are_keys else widgets.FAINT
-    drawn = _curves(Held(state.lobes), are_keys) if state.outlines is Outlines.ALL else []
+    segments = outlines.DRAFT_SEGMENTS if state.playback.is_playing else outlines.RING_SEGMENTS
+    shows_all = state.outlines is Outlines.ALL
+    drawn = _curves(Held(state.lobes), are_keys, segments) if shows_all else []
     for index in wanted:
         is_selected = index in selected
         shade = widgets.ACCENT if is_selected else others
@@ -157,11 +159,11 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
 
 
 @lru_cache(maxsize=2)
-def _curves(lobes: Held[Lobes], are_keys: bool) -> list[outlines.Polylines]:
+def _curves(lobes: Held[Lobes], are_keys: bool, segments: int) -> list[outlines.Polylines]:
     """Return the outlines of a frame; they take milliseconds, so that they are kept."""
     if are_keys:
         return [outline.curves for outline in key_cards.outlines(lobes.value)]
-    return outlines.curves(lobes.value)
+    return outlines.curves(lobes.value, segments=segments)
 
 
 @lru_cache(maxsize=32)

@@ -19,7 +19,7 @@ Symbols: N lobes, C curves, K points of a curve. Polylines are latlong uv, [K, 2
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -48,8 +48,11 @@ STEP_MAX = 1 / 48
 HALVINGS_MAX = 20
 """After which a curve has come as near to a pole as 1e-7 radians: it passes through it."""
 
-NEWTON_STEPS = 8
-"""Six reach float64 rounding, for any sharpness and both levels."""
+DRAFT_SEGMENTS = 32
+"""Of an outline while the picture moves: chords leave a circle by half a percent of its radius."""
+
+NEWTON_STEPS = 6
+"""They reach float64 rounding, for any sharpness and both levels."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +87,17 @@ def outlines(lobes: Lobes, level: float = HALF_PEAK) -> list[Outline]:
     ]
 
 
-def curves(lobes: Lobes, level: float = HALF_PEAK) -> list[Polylines]:
-    """Return the curves of each outline alone, which takes a third of the time."""
-    rings = _rings(lobes, level)
+def curves(
+    lobes: Lobes, level: float = HALF_PEAK, segments: int = RING_SEGMENTS
+) -> list[Polylines]:
+    """Return the curves of each outline alone, which takes a third of the time.
+
+    Args:
+        lobes: N lobes of one frame.  [N, .]
+        level: Share of the peak, between 0 and 1.
+        segments: Of a curve before it is refined.
+    """
+    rings = replace(_rings(lobes, level), parameter=_angles(segments))
     drawn = _polylines(rings)
     return [_of(drawn, rings.lobe, index) for index in range(lobes.count)]
 
@@ -137,6 +148,7 @@ class _Rings:
         c: The c; L for a smooth form.  [C]
         side: 1, or -1 where the curve runs on the far side of the axis.  [C]
         root: Returns t for q and L; None where t is c over q.
+        parameter: The angles at which points are computed, before the curve is refined.  [K]
     """
 
     lobe: NDArray[np.int64]
@@ -145,7 +157,7 @@ class _Rings:
     c: Array
     side: Array
     root: Root | None
-    parameter = np.linspace(0, 2 * math.pi, RING_SEGMENTS + 1)
+    parameter: Array = field(default_factory=lambda: _angles(RING_SEGMENTS))
     is_closed = True
 
     def points(self, curves: slice, psi: Array) -> Array:
@@ -222,6 +234,11 @@ def _arcs(lobes: Lobes, axis: int, level: float) -> _Arcs:
 
 def _axes(lobes: Lobes) -> Array:
     return lobes.axes.to("cpu", torch.float64).numpy()
+
+
+def _angles(segments: int) -> Array:
+    """Return the ends of equal segments of a turn.  [K]."""
+    return np.linspace(0, 2 * math.pi, segments + 1)
 
 
 def _rings(lobes: Lobes, level: float) -> _Rings:
