@@ -109,6 +109,7 @@ def _whitening(own: Tensor) -> Tensor:
 
 def _curvature(lobes: Lobes) -> Tensor:
     """Return H at a map that the lobes show exactly.  [N, .] -> [8 N, 8 N]."""
+    lobes = lobes.to(torch.float64)  # float32 has no flux for the least radiance it holds
     mean = float(asg.flux(lobes).sum()) / (12 * math.pi)
     own = replace(lobes, amplitude=lobes.amplitude / mean).to(torch.float32)
     shown = texels.texel_means(own, ROWS, 2 * ROWS)

@@ -79,6 +79,16 @@ def test_the_unit_of_light_does_not_matter(scale: float) -> None:
         assert other.amplification == pytest.approx(one.amplification, rel=1e-3)  # float32 images
 
 
+def test_the_least_radiance_that_float32_has_is_light_as_any() -> None:
+    """Its flux is 0 in float32."""
+    places, sharpness = [UP, (0.2, 1.0, 0.1), SIDE], [40.0, 40.0, 60.0]
+    least = condition.trades(lamps(places, sharpness, [2.0**-149] * 3), limit=0.0)
+    usual = condition.trades(lamps(places, sharpness, [1.0] * 3), limit=0.0)
+    assert [one.lobes for one in least] == [one.lobes for one in usual]
+    for one, other in zip(least, usual, strict=True):
+        assert one.amplification == pytest.approx(other.amplification, rel=1e-6)
+
+
 def test_black_lobes_trade_with_none() -> None:
     assert condition.trades(lamps([UP, UP], [40.0, 40.0], [2.0, 0.0])) == []
     assert condition.trades(lamps([UP, UP], [40.0, 40.0], [0.0, 0.0])) == []
