@@ -94,6 +94,7 @@ def write_screenshot(
     with _explained_imports():
         from asglight.viewer.io import saving, screenshot
     session.wait()
+    session.state.select(session.state.brightest())  # a fit had no light before
     saving.write_png(path, screenshot.window_picture(session, size, is_bare=is_bare))
 
 

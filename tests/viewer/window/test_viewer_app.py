@@ -5,6 +5,7 @@ import importlib
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import moderngl
@@ -21,7 +22,10 @@ from asglight.lobes import LobeTracks
 from asglight.usd import write_usd
 from asglight.viewer import app
 from asglight.viewer.gl.arrangement import cells
-from asglight.viewer.io import saving
+from asglight.viewer.io import saving, screenshot
+from asglight.viewer.state.session import Session
+from asglight.viewer.state.source import FixedSource
+from asglight.viewer.state.viewer_state import ViewerState
 
 
 @pytest.fixture
@@ -271,3 +275,23 @@ def test_unusable_option_is_explained(
     capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str
 ) -> None:
     assert message in failure(capsys, "shot.usda", *arguments)
+
+
+def test_a_screenshot_selects_the_brightest_light_that_a_fit_has_found(
+    two_lamps: LobeTracks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    last = two_lamps.lobes.amplitude.clone()
+    last[-1, 1] *= 10
+    found = replace(two_lamps, lobes=replace(two_lamps.lobes, amplitude=last))
+    session = Session(ViewerState(two_lamps), FixedSource(found), "fit")
+    app.set_up(session, 1004, None)
+    assert session.state.selection.lobe == 0
+    seen = []
+
+    def picture(session: Session, *_: object, **__: object) -> np.ndarray:
+        seen.append(session.state.selection.lobe)
+        return np.zeros((2, 2, 3), np.uint8)
+
+    monkeypatch.setattr(screenshot, "window_picture", picture)
+    app.write_screenshot(session, tmp_path / "picture.png", (2, 2))
+    assert seen == [1]
