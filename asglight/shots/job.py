@@ -249,6 +249,7 @@ def _keying(
     """Return what makes the source of keys when the lobes are there; it loads what they need."""
 
     def made(on_progress: OnProgress) -> "KeySource":
+        """Return the source of keys, which tells how far it is."""
         from asglight.shots.keying import Keying, following_events
 
         height = options.rest_height

@@ -16,7 +16,6 @@ import errno
 import fcntl
 import os
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 from asglight.errors import InputError
@@ -79,12 +78,7 @@ class Checkpoint:
         """Return the checkpoint."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the file; remove it when nothing was ever written to it."""
         with contextlib.suppress(OSError):
             if not self._stream.closed and os.fstat(self._stream.fileno()).st_size == 0:

@@ -19,7 +19,6 @@ import zlib
 from collections.abc import Generator
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO, NamedTuple, Self
 
 import numpy as np
@@ -106,12 +105,7 @@ class KeptFrames:
         """Return the frames."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Forget the frames in memory; the file stays for a run that resumes this one."""
         self._in_memory.clear()
         self._images.clear()

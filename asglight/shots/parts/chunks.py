@@ -15,7 +15,6 @@ import time
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from asglight.errors import InputError
@@ -145,12 +144,7 @@ class Parts:
         """Return the parts."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Let other runs use the folder; delete it where nothing was kept in it."""
         if not any(self.folder.glob("part.*")):
             self.remove()

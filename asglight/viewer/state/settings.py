@@ -7,7 +7,7 @@ from dataclasses import asdict, astuple
 
 from asglight.viewer.state.balls import Material
 from asglight.viewer.state.display import ColourView, ViewTransform
-from asglight.viewer.state.playback import Pace
+from asglight.viewer.state.time.playback import Pace
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Theme
 

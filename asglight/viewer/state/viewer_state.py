@@ -29,9 +29,9 @@ from asglight.viewer.state.edits.history import EditHistory
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.map_frame import MapFrame
 from asglight.viewer.state.picking import energies
-from asglight.viewer.state.playback import Playback
 from asglight.viewer.state.shown import dissolved, shown_lobes
-from asglight.viewer.state.time_span import TimeSpan
+from asglight.viewer.state.time.playback import Playback
+from asglight.viewer.state.time.time_span import TimeSpan
 from asglight.viewer.state.views import (
     GROUND_BALL,
     Compared,

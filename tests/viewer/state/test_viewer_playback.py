@@ -3,7 +3,7 @@
 
 import pytest
 
-from asglight.viewer.state.playback import Pace, Playback
+from asglight.viewer.state.time.playback import Pace, Playback
 
 FPS = 24.0
 

@@ -7,7 +7,7 @@ from asglight.lobes import LobeTracks
 from asglight.viewer.state import settings
 from asglight.viewer.state.balls import Material
 from asglight.viewer.state.display import ViewTransform
-from asglight.viewer.state.playback import Pace
+from asglight.viewer.state.time.playback import Pace
 from asglight.viewer.state.viewer_state import ViewerState
 
 

@@ -14,10 +14,10 @@ from asglight.errors import InputError
 from asglight.lobes import LobeTracks, asg
 from asglight.viewer.app import set_up
 from asglight.viewer.reference.images import Reference
-from asglight.viewer.state.playback import Playback
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
-from asglight.viewer.state.time_span import TimeSpan, tick_step
+from asglight.viewer.state.time.playback import Playback
+from asglight.viewer.state.time.time_span import TimeSpan, tick_step
 from asglight.viewer.state.viewer_state import ViewerState
 
 

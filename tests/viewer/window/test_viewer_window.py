@@ -17,7 +17,7 @@ from windows import Drive, Driven
 
 from asglight.lobes import LobeTracks
 from asglight.viewer.state.display import Channel, Comparison, ViewTransform
-from asglight.viewer.state.playback import Pace
+from asglight.viewer.state.time.playback import Pace
 
 
 def bar_point(test: Any, share: float) -> ImVec2:
