@@ -89,7 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.ground:
             app.show_ground(session)
         status = session.source.status()
-        if status.message and (status.is_finished or output is not None):
+        is_after = status.is_finished and output is not None  # the picture may fail, and say why
+        if status.message and not is_after and (status.is_finished or output is not None):
             print(f"asglight: {one_line(status.message)}", file=sys.stderr)
         if arguments.render is not None:
             _render(session, arguments)
@@ -97,6 +98,8 @@ def run(arguments: argparse.Namespace) -> int:
             app.show(session, opened_in_window, arguments.size)
         else:
             app.write_screenshot(session, output, arguments.size or SIZE, is_bare=arguments.bare)
+        if status.message and is_after:
+            print(f"asglight: {one_line(status.message)}", file=sys.stderr)
     return 0
 
 

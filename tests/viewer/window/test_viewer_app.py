@@ -295,3 +295,11 @@ def test_a_screenshot_selects_the_brightest_light_that_a_fit_has_found(
     monkeypatch.setattr(screenshot, "window_picture", picture)
     app.write_screenshot(session, tmp_path / "picture.png", (2, 2))
     assert seen == [1]
+
+
+def test_an_image_that_is_none_has_one_line_and_no_hint(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = tmp_path / "README.md"
+    text.write_text("words")
+    assert "is text; expected" in failure(capsys, text, "--screenshot", tmp_path / "picture.png")
