@@ -82,22 +82,3 @@ def test_a_light_that_comes_back_begins_anew() -> None:
     found = inherited(given)
     assert same(degrees_of(found, 1), [3, 3, 3, 0])
     assert same(degrees_of(found, 0), [0, OFF, 0, OFF])
-
-
-def test_of_two_that_a_lobe_becomes_the_nearer_one_is_the_old_one() -> None:
-    """It turned by 5 degrees a frame; the fit has given its track to the lamp that went ahead."""
-    given = shot(
-        [[0, 90], [5, 90], [18, 11], [31, 17]],
-        [[1, 0], [1, 0], [1, 1], [1, 1]],
-    )
-    found = inherited(given)
-    assert same(degrees_of(found, 0), [0, 5, 11, 17])
-    assert same(degrees_of(found, 1), [OFF, OFF, 18, 31])
-    torch.testing.assert_close(asg.flux(found).sum(1), asg.flux(given).sum(1))
-
-
-def test_a_light_that_begins_farther_off_is_the_new_one() -> None:
-    given = shot([[0, 90], [5, 90], [11, 18]], [[1, 0], [1, 0], [1, 1]])
-    found = inherited(given)
-    torch.testing.assert_close(found.axes, given.axes)
-    torch.testing.assert_close(found.amplitude, given.amplitude)
