@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="dcc.measure", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m dcc.measure", description=__doc__)
     add = parser.add_argument
     add("--sequences", type=Path, default=Path("../shared/sequences"), metavar="DIR")
     add("--short", action="store_true", help="one frame of the built-in sky, Blender only")

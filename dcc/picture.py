@@ -42,7 +42,7 @@ LIGHT_GREY = 0.45
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Render and draw; return the exit status."""
-    parser = argparse.ArgumentParser(prog="dcc.picture", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m dcc.picture", description=__doc__)
     parser.add_argument("--measured", type=Path, required=True, metavar="DIR", help="of measure")
     parser.add_argument("--shot", default="day-1025", metavar="NAME-FRAME", help="(day-1025)")
     parser.add_argument("--view", choices=scene.VIEWS, default="front", help="side (front)")

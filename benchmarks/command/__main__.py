@@ -29,7 +29,9 @@ BASELINE = Path(__file__).with_name("baseline.json")
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, write, compare."""
     parser = argparse.ArgumentParser(
-        prog="command", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="python -m benchmarks.command",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("-o", "--output", type=Path, default=Path("command-output"), metavar="DIR")

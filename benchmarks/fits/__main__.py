@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> Parser:
-    parser = Parser(prog="fit.py", description=__doc__, epilog=EXAMPLE)
+    parser = Parser(prog="python -m benchmarks.fits", description=__doc__, epilog=EXAMPLE)
     add = parser.add_argument
     add("--maps", type=Path, required=True, metavar="DIR", help="folder of latlong maps")
     add("--sequences", type=Path, required=True, metavar="DIR", help="folder of sequence folders")

@@ -49,7 +49,7 @@ ROWS = 256
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit every case, print the ratios to EM and what misses a target."""
-    parser = argparse.ArgumentParser(prog="unseen", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.fits.unseen", description=__doc__)
     parser.add_argument("--maps", type=Path, required=True, metavar="DIR", help="latlong maps")
     parser.add_argument("--sequences", type=Path, metavar="DIR", help="folder of sequences")
     options = parser.parse_args(argv)

@@ -32,7 +32,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     begin = time.monotonic()
     names = [measure.name for measure in MEASURES]
     parser = argparse.ArgumentParser(
-        prog="gpu", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="python -m benchmarks.gpu",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("-o", "--output", type=Path, default=Path("gpu-output"), metavar="DIR", help="(gpu-output)")

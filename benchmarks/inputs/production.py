@@ -242,7 +242,9 @@ def _peak(process: int) -> float:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, print tables."""
-    parser = argparse.ArgumentParser(prog="production", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.inputs.production", description=__doc__
+    )
     add = parser.add_argument
     add("--map", required=True, type=Path, metavar="FILE", help="a map that is enlarged")
     add("--rows", type=int, default=8192, metavar="N", help="largest image (default: %(default)s)")

@@ -74,7 +74,7 @@ class Light:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Cut every input and print the table."""
-    parser = argparse.ArgumentParser(prog="keys", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.keyed.measure", description=__doc__)
     parser.add_argument("inputs", nargs="*", metavar="INPUT", help="images, folders or patterns")
     parser.add_argument("--texture", action="store_true", help="keys carry the pixels of lamps")
     parser.add_argument("--keys", type=int, metavar="N", help="so many keys (default: auto)")

@@ -62,7 +62,7 @@ SHOWN = ("env", "irr", "r0.5", "r0.25")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit, cut, and draw."""
-    parser = argparse.ArgumentParser(prog="keys_sheet", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.keyed.sheet", description=__doc__)
     parser.add_argument("image", type=Path, metavar="IMAGE", help="latlong map")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="PNG", help="picture")
     texture = "keys carry the pixels of their lamps"

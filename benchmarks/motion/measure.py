@@ -45,7 +45,7 @@ EXAMPLE = "example: make bench-motion"
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, write and print; return the exit status."""
     parser = argparse.ArgumentParser(
-        prog="bench-motion",
+        prog="python -m benchmarks.motion.measure",
         description=__doc__,
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,

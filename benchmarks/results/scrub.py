@@ -38,7 +38,7 @@ ASGLIGHT = (sys.executable, "-c", "from asglight.cli.main import main; raise Sys
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit, take screenshots and write the picture."""
-    parser = argparse.ArgumentParser(prog="scrub", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.results.scrub", description=__doc__)
     parser.add_argument("sequence", metavar="DIR", help="frames of a shot")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="WEBP")
     options = parser.parse_args(argv)

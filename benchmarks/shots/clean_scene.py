@@ -55,7 +55,9 @@ Taken = dict[str, tuple[int, float]]
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure each fit, print a table."""
-    parser = argparse.ArgumentParser(prog="clean_scene", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.shots.clean_scene", description=__doc__
+    )
     add = parser.add_argument
     add("--still", required=True, metavar="FILE", help="a clean map")
     add("--sequence", required=True, metavar="DIR", help="a clean sequence")

@@ -39,7 +39,9 @@ SHOWN = ("irr", "r0.5", "r0.25", "flicker")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit a sequence in each way, print a table."""
-    parser = argparse.ArgumentParser(prog="flicker_floor", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.shots.flicker_floor", description=__doc__
+    )
     add_sequence(parser)
     parser.add_argument("--lobes", type=int, metavar="N", default=LOBES, help=f"({LOBES})")
     options = parser.parse_args(argv)

@@ -4,8 +4,9 @@
     python -m benchmarks.shots.hard_changes --maps ../shared/hdri
 
 Each change is made to each map of the folder, on 128 rows, over 9 frames. Errors are those of
-asglight.fitting.measures, within 1 % of the judge's, in the mean over maps and frames; worst is the
-r0.5 of the worst frame of all. `afresh` is `fast` on every frame from nothing, which nothing holds.
+asglight.fitting.loss.measures, within 1 % of the judge's, in the mean over maps and frames; worst
+is the r0.5 of the worst frame of all. `afresh` is `fast` on every frame from nothing, which nothing
+holds.
 """
 
 import math

@@ -56,7 +56,7 @@ Errors = dict[str, float]
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit every map of a folder, judge, print tables, write every number."""
-    parser = argparse.ArgumentParser(prog="method", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.shots.method", description=__doc__)
     add = parser.add_argument
     add("--maps", type=Path, required=True, metavar="DIR", help="latlong OpenEXR files")
     add("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="what (default: all)")

@@ -46,7 +46,7 @@ class Range(NamedTuple):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit one sequence in each way, print a table."""
-    parser = argparse.ArgumentParser(prog="parts", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.shots.parts", description=__doc__)
     parser.add_argument("sequence", metavar="DIR", help="a sequence of latlong maps")
     parser.add_argument("--preset", choices=PRESETS, default=Preset.FAST, help="(fast)")
     options = parser.parse_args(argv)

@@ -7,9 +7,9 @@ Where lamps rush past, a hair decides which lobe goes to which lamp, so one sequ
 It is followed six ways: as it is and turned by a third, forward, backward and mirrored; with
 --turns 8 as it is and turned by one to seven ninths, 24 ways. `--afresh 5 7 10 15` adds `fast` from
 nothing in every frame, with so many lobes that jump as they like. Errors are those of
-asglight.fitting.measures, within 1 % of the judge's. The worst way is that with the largest mean
-r0.5, also over the mean of all ways; the worst frame has the largest r0.5, in the luckiest and the
-unluckiest way; flicker is taken of what r0.5 shows.
+asglight.fitting.loss.measures, within 1 % of the judge's. The worst way is that with the largest
+mean r0.5, also over the mean of all ways; the worst frame has the largest r0.5, in the luckiest and
+the unluckiest way; flicker is taken of what r0.5 shows.
 """
 
 import argparse
@@ -52,7 +52,7 @@ class Shot(NamedTuple):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Follow a sequence in each way with each preset, print a table."""
-    parser = argparse.ArgumentParser(prog="shots_turned", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.shots.turned", description=__doc__)
     add_sequence(parser)
     parser.add_argument("--turns", type=int, default=2, metavar="N", help="orientations (2)")
     parser.add_argument(

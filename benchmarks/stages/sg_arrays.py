@@ -26,7 +26,9 @@ CALLED = {SgLayout.PHYSG: "PhySG's array", SgLayout.NERD: "NeRD's array"}
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit every map in both forms and print the table."""
-    parser = argparse.ArgumentParser(prog="sg_arrays", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.stages.sg_arrays", description=__doc__
+    )
     parser.add_argument("maps", nargs="+", type=Path, metavar="IMAGE", help="latlong maps")
     parser.add_argument("--lobes", type=int, default=LOBES, metavar="N", help=f"({LOBES})")
     options = parser.parse_args(argv)

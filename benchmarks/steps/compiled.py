@@ -38,7 +38,9 @@ Row = tuple[str, float, float]
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Time a map and a sequence, print a table."""
-    parser = argparse.ArgumentParser(prog="compiled", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.steps.compiled", description=__doc__
+    )
     parser.add_argument("map", metavar="MAP", help="a latlong map")
     parser.add_argument("sequence", metavar="DIR", help="a sequence of latlong maps")
     parser.add_argument("--frames", type=int, default=24, metavar="N", help="the first N (24)")

@@ -27,7 +27,9 @@ ASKED = (str(Form.ASG), str(Form.FLAT), AUTO)
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit every map three ways and print the table."""
-    parser = argparse.ArgumentParser(prog="flat_tops", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.steps.flat_tops", description=__doc__
+    )
     parser.add_argument("maps", nargs="+", type=Path, metavar="IMAGE", help="latlong maps")
     parser.add_argument("--lobes", type=int, default=LOBES, metavar="N", help=f"({LOBES})")
     options = parser.parse_args(argv)

@@ -44,7 +44,7 @@ PARTS: dict[str, Callable[[Path, Plan, Follow], Account]] = {"texels": texels, "
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, print a table of each part, and write JSON after each."""
-    parser = argparse.ArgumentParser(prog="growth", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.steps.growth", description=__doc__)
     add = parser.add_argument
     add("map", type=Path, metavar="IMAGE", help="a latlong map")
     add("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="what (default: all)")

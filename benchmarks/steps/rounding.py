@@ -40,7 +40,9 @@ JUDGED = ("irr", "r0.5")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit and look in each arithmetic; print a table of each comparison, write every number."""
-    parser = argparse.ArgumentParser(prog="rounding", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.steps.rounding", description=__doc__
+    )
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--maps", type=Path, metavar="DIR", help="latlong OpenEXR files")
     source.add_argument("--stress", action="store_true", help="the maps of `asglight stress`")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fit in one arithmetic: lobes fitted to maps, or J and the judge looking at given lobes.
 
-    python -m benchmarks.rounding_worker float64 cpu maps.npz found.npz
+    python -m benchmarks.steps.rounding_worker float64 cpu maps.npz found.npz
 
 In float64 the same source runs with every float32 in it made float64, constants and grids too: this
 process gives `torch.float32` that meaning before it loads asglight. Results are float64 for both.

@@ -270,7 +270,7 @@ def shadow_table(shadows: Sequence[Shadows]) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="dcc.keyed.measure", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m dcc.keyed.measure", description=__doc__)
     add = parser.add_argument
     add("--sequences", type=Path, default=Path("../shared/sequences"), metavar="DIR")
     stills = "images with a lamp: their balls, and the shadow of a post"

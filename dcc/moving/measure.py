@@ -178,7 +178,7 @@ def table(found: Sequence[Row]) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="dcc.moving.measure", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m dcc.moving.measure", description=__doc__)
     add = parser.add_argument
     add("--sequences", type=Path, default=Path("../shared/sequences"), metavar="DIR")
     add("--short", action="store_true", help="the built-in sky only")

@@ -38,7 +38,7 @@ MIDDLE_GREY = 0.3
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Render and draw; return the exit status."""
-    parser = argparse.ArgumentParser(prog="dcc.moving.picture", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m dcc.moving.picture", description=__doc__)
     add = parser.add_argument
     add("--sequences", type=Path, default=Path("../shared/sequences"), metavar="DIR")
     add("--shot", default="day", metavar="NAME", help="sequence (%(default)s)")

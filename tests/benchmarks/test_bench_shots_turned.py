@@ -11,13 +11,13 @@ from lobe_cases import sky_and_sun
 from asglight.fitting.options import FitOptions, Preset
 from asglight.images import write_exr
 
-shots_turned = module("shots.turned")
+turned = module("shots.turned")
 
 
 @pytest.mark.parametrize("turns", [2, 8])
 def test_each_way_has_the_same_light_in_another_place_or_order(turns: int) -> None:
     maps = [sky_and_sun(degrees, 16) for degrees in (0.0, 20.0)]
-    found = shots_turned.ways(maps, turns)
+    found = turned.ways(maps, turns)
     assert len(found) == 3 * turns
     keys = {tuple(each.numpy().tobytes() for each in way) for way in found}
     assert len(keys) == 3 * turns
@@ -29,9 +29,9 @@ def test_each_way_has_the_same_light_in_another_place_or_order(turns: int) -> No
     assert torch.equal(found[2 * turns][0], maps[0].flip(1))
 
 
-@pytest.mark.parametrize("preset", list(shots_turned.PRESETS))
+@pytest.mark.parametrize("preset", list(turned.PRESETS))
 def test_what_stands_still_does_not_flicker(preset: Preset) -> None:
-    still = shots_turned.measured([sky_and_sun(0.0, 16)] * 3, FitOptions(3, preset))
+    still = turned.measured([sky_and_sun(0.0, 16)] * 3, FitOptions(3, preset))
     assert len(still.rough) == len(still.irr) == 3
     assert still.flicker < 0.2 * max(still.rough)
     assert still.seconds > 0
@@ -40,17 +40,17 @@ def test_what_stands_still_does_not_flicker(preset: Preset) -> None:
 def test_fits_from_nothing_do_not_hang_on_the_frames_before() -> None:
     maps = [sky_and_sun(0.0, 16), sky_and_sun(90.0, 16)]
     fit = FitOptions(3, Preset.FAST)
-    both = shots_turned.measured(maps, fit, fresh=True)
-    alone = shots_turned.measured(maps[1:] * 2, fit, fresh=True)
+    both = turned.measured(maps, fit, fresh=True)
+    alone = turned.measured(maps[1:] * 2, fit, fresh=True)
     assert both.rough[1] == pytest.approx(alone.rough[0], rel=1e-6)
 
 
 def test_flicker_is_the_change_of_what_is_missed_over_the_whole() -> None:
     maps = [sky_and_sun(0.0, 16), 2 * sky_and_sun(0.0, 16)]
-    truth = [shots_turned.measures.shown(each) for each in maps]
-    black = shots_turned.stack([shots_turned.Lobes(*_black())] * 2)
+    truth = [turned.measures.shown(each) for each in maps]
+    black = turned.stack([turned.Lobes(*_black())] * 2)
     # black lobes miss 1, then 2, of 3: a third
-    assert shots_turned._flicker([black[0], black[1]], truth) == pytest.approx(1 / 3, rel=1e-5)
+    assert turned._flicker([black[0], black[1]], truth) == pytest.approx(1 / 3, rel=1e-5)
 
 
 def _black() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -58,9 +58,9 @@ def _black() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
 
 
 def test_the_table_tells_the_luckiest_and_the_unluckiest() -> None:
-    one = shots_turned.Shot([0.1, 0.3], [0.1, 0.4], 0.2, 0.5)
-    other = shots_turned.Shot([0.1, 0.1], [0.2, 0.2], 0.4, 1.5)
-    *_, row = shots_turned.table({"fast": [one, other]}).splitlines()
+    one = turned.Shot([0.1, 0.3], [0.1, 0.4], 0.2, 0.5)
+    other = turned.Shot([0.1, 0.1], [0.2, 0.2], 0.4, 1.5)
+    *_, row = turned.table({"fast": [one, other]}).splitlines()
     expected = "| fast | 0.1500 | 0.2250 | 0.2500 | 1.11 | 0.200 to 0.400 | 0.3000 | 1.000 |"
     assert row == expected
 
@@ -76,24 +76,24 @@ def test_a_sequence_is_read_and_followed(
     def noted(maps: list[torch.Tensor], options: FitOptions, *, fresh: bool = False) -> object:
         given.append(len(maps))
         lobes.append((options.lobes, fresh))
-        return shots_turned.Shot([0.0], [0.1], 0.0, 0.0)
+        return turned.Shot([0.0], [0.1], 0.0, 0.0)
 
-    monkeypatch.setattr(shots_turned, "measured", noted)
-    assert shots_turned.main([str(tmp_path), "--frames", "2"]) == 0
+    monkeypatch.setattr(turned, "measured", noted)
+    assert turned.main([str(tmp_path), "--frames", "2"]) == 0
     assert given == [2] * 18
     assert capsys.readouterr().out.startswith("| preset |")
     lobes.clear()
-    assert shots_turned.main([str(tmp_path), "--turns", "1", "--afresh", "5", "7"]) == 0
+    assert turned.main([str(tmp_path), "--turns", "1", "--afresh", "5", "7"]) == 0
     assert lobes == [(15, False)] * 9 + [(5, True)] * 3 + [(7, True)] * 3
     assert "| afresh, 7 lobes |" in capsys.readouterr().out
     with pytest.raises(SystemExit):
-        shots_turned.main([str(tmp_path), "--afresh", "0"])
+        turned.main([str(tmp_path), "--afresh", "0"])
     assert "--afresh 0; expected one or more" in capsys.readouterr().err
     with pytest.raises(SystemExit):
-        shots_turned.main([str(tmp_path), "--frames", "1"])
+        turned.main([str(tmp_path), "--frames", "1"])
     assert "1 frame; expected two or more to follow" in capsys.readouterr().err
     with pytest.raises(SystemExit):
-        shots_turned.main([str(tmp_path), "--turns", "0"])
+        turned.main([str(tmp_path), "--turns", "0"])
     assert "--turns 0; expected one or more" in capsys.readouterr().err
 
 
@@ -101,7 +101,7 @@ def test_a_folder_without_images_is_told_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit, match="2"):
-        shots_turned.main([str(tmp_path)])
+        turned.main([str(tmp_path)])
     last = capsys.readouterr().err.splitlines()[-1]
     assert str(tmp_path) in last
     assert "holds no image" in last

@@ -71,3 +71,52 @@ def test_every_term_of_the_glossary_is_defined_where_it_says() -> None:
         assert path is None or (ROOT / path[1]).is_file(), (term, place)
     names = [term.partition(":")[0].lower() for term, *_ in terms]
     assert names == sorted(names)
+
+
+OTHERS = re.compile(r"^(scripts|code|nn_utils)/|(^|/)(even|sphere|totals)\.py$")
+"""Files of other projects, and those that a worked example of docs/contributing adds."""
+
+
+def test_files_that_pages_name_are_there() -> None:
+    stands = {str(path.relative_to(ROOT)) for path in ROOT.glob("*/**/*.py")}
+    named = [
+        (str(page.relative_to(ROOT)), name)
+        for page in ROOT.glob("docs/**/*.md")
+        if not any(page.is_relative_to(each) for each in SPARED)
+        for name in re.findall(r"`([\w/]+\.py)`", page.read_text())
+        if not OTHERS.search(name)
+    ]
+    assert len(named) > 50
+    missing = {
+        each for each in named if not any(f"/{path}".endswith(f"/{each[1]}") for path in stands)
+    }
+    assert not missing
+
+
+def test_modules_that_texts_name_are_there() -> None:
+    dotted = re.compile(r"\b(?:asglight|benchmarks)(?:\.[a-z_]+)+")
+    named = {
+        found
+        for pattern in ("docs/**/*.md", "*.md", "benchmarks/**/*.py", "asglight/**/*.py")
+        for path in ROOT.glob(pattern)
+        if not any(path.is_relative_to(each) for each in SPARED)
+        for found in dotted.findall(path.read_text())
+    }
+    assert len(named) > 200
+    assert not {name for name in named if not is_there(name)} - {"benchmarks.some"}
+
+
+def is_there(name: str) -> bool:
+    """Whether a dotted name is a module, a room, or what one of them defines."""
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        place = ROOT.joinpath(*parts[:count])
+        source = next(
+            (each for each in (place.with_suffix(".py"), place / "__init__.py") if each.is_file()),
+            None,
+        )
+        if source is not None:
+            return count == len(parts) or parts[count] in source.read_text()
+        if place.is_dir():
+            return count == len(parts)
+    return False

@@ -17,7 +17,7 @@ The poster leaves open, and this file chooses:
     Adam              learning rate 1e-2 falling to 0 along a half cosine, torch's other defaults
     units             L_R and L_D are divided by the flux of the reference, so that the loss does
                       not depend on exposure and gamma weighs the same in every scene; the other
-                      losses that the paper compares are in paper_losses.py
+                      losses that the paper compares are in losses.py
     light map         irradiance over pi
     max_i             of the absolute value, over the lobes and the components of a vector together
     lobe function     `asg` unless the caller asks for another form; the poster's formula, read
