@@ -14,7 +14,7 @@ from pathlib import Path
 import torch
 
 from asglight.errors import InputError
-from dcc import blender, mitsuba, rows, shots, tables
+from dcc import in_blender, in_mitsuba, rows, shots, tables
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -36,14 +36,14 @@ def run(options: argparse.Namespace) -> int:
         chosen = [shots.built_in(output)]
     else:
         chosen = shots.from_sequences(options.sequences, options.frames, output)
-    task = blender.Task(chosen, output, options.size, options.samples)
-    blender.render(task)
-    balls, facing = blender.judged(task)
-    versions = {"Blender": blender.version(task)}
+    task = in_blender.Task(chosen, output, options.size, options.samples)
+    in_blender.render(task)
+    balls, facing = in_blender.judged(task)
+    versions = {"Blender": in_blender.version(task)}
     if not options.short:
-        mitsuba.render(task)
-        balls += mitsuba.judged(task)
-        versions["Mitsuba"] = mitsuba.version(task)
+        in_mitsuba.render(task)
+        balls += in_mitsuba.judged(task)
+        versions["Mitsuba"] = in_mitsuba.version(task)
     document = {
         "size": options.size,
         "samples": options.samples,

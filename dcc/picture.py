@@ -23,7 +23,7 @@ from asglight.judging.pictures.display import luminance, view_transform
 from asglight.judging.pictures.layout import BACKGROUND, Grid, save, sheet
 from asglight.usd import Representation
 from dcc import renderers, scene
-from dcc.blender import DISTANT_FACTOR, ORIGINAL
+from dcc.in_blender import DISTANT_FACTOR, ORIGINAL
 
 COLUMNS = (ORIGINAL, Representation.DOME, Representation.CARDS, Representation.DISTANT)
 TITLES = ("original HDRI", "dome", "cards", "distant  (÷ 4)")

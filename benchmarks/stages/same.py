@@ -25,7 +25,7 @@ def main() -> None:
     """Compare all stages."""
     folder, output = (Path(name) for name in sys.argv[1:])
     paths = sorted(output.glob("*.usda"))
-    findings, samples = [], 0
+    findings, samples = [] if paths else [f"{output}: no stage to compare"], 0
     for path in paths:
         source = folder / path.name.removesuffix(".usda")
         found, count = compared(source, path)

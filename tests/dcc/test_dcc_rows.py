@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from asglight.errors import InputError
-from dcc import blender, measure, renderers, rows, scene, shots, tables
+from dcc import in_blender, measure, renderers, rows, scene, shots, tables
 from dcc.rows import FacingRow, Row
 
 GOOD = Row("Blender", "day", 1001, "Y", "dome", "matte", 0.002, 0.005, 0.004, 0.004, 0.006, 0.002)
@@ -122,9 +122,9 @@ def test_a_render_is_noisy_if_one_ball_is(tmp_path: Path) -> None:
     balls = np.ones((4, 2, 3, 8, 8, 3))
     job = {"out": str(tmp_path / "render.npz"), "size": 8, "noise": 0.003}
     np.savez(job["out"], balls=balls)
-    assert not blender.is_noisy(job)
+    assert not in_blender.is_noisy(job)
     balls[0, :, 2] = 1.02  # the mean of four is known to 0.005
     np.savez(job["out"], balls=balls)
-    assert blender.is_noisy(job)
-    assert not blender.is_noisy(job | {"noise": 0.006})
-    assert not blender.is_noisy({"out": job["out"], "size": 8})  # such as those without a limit
+    assert in_blender.is_noisy(job)
+    assert not in_blender.is_noisy(job | {"noise": 0.006})
+    assert not in_blender.is_noisy({"out": job["out"], "size": 8})  # such as those without a limit

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Have tinyusdz read stages and write as text what it read; runs where tinyusdz is.
 
-    python -m benchmarks.stages.tinyusdz FOLDER OUTPUT
+    python -m benchmarks.stages.in_tinyusdz FOLDER OUTPUT
 
 `benchmarks/stages/same.py` holds the text against the stages. tinyusdz composes nothing: a layer
 over a stage is none for it, and is left out.

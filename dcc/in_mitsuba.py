@@ -10,7 +10,7 @@ import torch
 from asglight.images import read_latlong
 from asglight.usd import Representation
 from dcc import images, lobe_light, quadrature, renderers, rows, scene
-from dcc.blender import ORIGINAL, SEEDS, Task
+from dcc.in_blender import ORIGINAL, SEEDS, Task
 from dcc.quadrature import Light
 from dcc.rows import Array, Row
 from dcc.shots import Shot
