@@ -258,9 +258,10 @@ class ViewerState:
 
     @property
     def is_fitted(self) -> bool:
-        """Whether the shown frame has its lobes."""
+        """Whether the shown time has its lobes: its frame, or both that it lies between."""
         has_light = self.tracks.lobes.count > 0 or self.keyed is not None
-        return has_light and (self.fitted is None or self.playback.frame in self.fitted)
+        frames = {self.playback.frame, *((self.playback.next_frame,) * self.playback.is_between)}
+        return has_light and (self.fitted is None or self.fitted >= frames)
 
     @property
     def lit(self) -> tuple[int, ...]:
