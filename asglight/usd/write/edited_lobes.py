@@ -120,7 +120,8 @@ def author_added(
         return
     chosen = torch.tensor(added, dtype=torch.long)
     lobes = changes.in_rig.lobes.select(chosen)
-    shot = Shot(layer.continuous(to_stage(lobes, space_for(options))), author.frames)
+    in_stage = layer.continuous(to_stage(lobes, space_for(options)), keeps_first=True)
+    shot = Shot(in_stage, author.frames)
     names = free_names(child_of(rig, schema.LOBES), changes, "lobe")
     scope = Sdf.CreatePrimInLayer(built, rig.GetPath().AppendChild(schema.LOBES))
     author_prims(author, scope, names, shot, changes)

@@ -214,7 +214,7 @@ def _lights(
     options: StageOptions = below.options
     lobes = in_rig.lobes.select(torch.tensor(chosen, dtype=torch.long))
     shot = Shot(
-        layer.continuous(to_stage(lobes, space_for(options))),
+        layer.continuous(to_stage(lobes, space_for(options)), keeps_first=True),
         np.asarray(in_rig.frames, dtype=np.float64),
     )
     if key_lights(below.prims) is KeyLights.DISTANT:

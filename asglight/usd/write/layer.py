@@ -116,10 +116,17 @@ def build(
     return layer, author
 
 
-def continuous(lobes: Lobes) -> Lobes:
-    """Return the lobes in float64 on the CPU, frames orthonormal and continuous in time."""
+def continuous(lobes: Lobes, *, keeps_first: bool = False) -> Lobes:
+    """Return the lobes in float64 on the CPU, frames orthonormal and continuous in time.
+
+    Args:
+        lobes: Over time.  [F, N, .]
+        keeps_first: As of `frames.continuous`: edits keep what is width and what is height, and
+            with them a key's texture.
+    """
     lobes = lobes.to("cpu", torch.float64)
-    return frames.continuous(replace(lobes, axes=frames.orthonormal(lobes.axes)))
+    lobes = replace(lobes, axes=frames.orthonormal(lobes.axes))
+    return frames.continuous(lobes, keeps_first=keeps_first)
 
 
 def lobe_tracks(lobes: Lobes) -> dict[str, Tensor]:

@@ -93,6 +93,19 @@ def test_what_the_layer_changes_of_the_light_is_the_edit_and_nothing_else(tmp_pa
     assert prims == {"/AsgRig", "/AsgRig/Keys", str(read_path(stage))}
 
 
+@pytest.mark.parametrize("options", [{}, {"lights": KeyLights.DISTANT}])
+def test_what_was_the_width_of_a_key_remains_it_however_wide_it_becomes(
+    tmp_path: Path, options: dict
+) -> None:
+    stage = keyed(tmp_path, **options)
+    tracks = read(stage)
+    lobes = replace(tracks.lobes, sharpness=tracks.lobes.sharpness.flip(-1))
+    write_key_edits(tmp_path / "edits.usda", stage, replace(tracks, lobes=lobes), [0])
+    found = read(tmp_path / "edits.usda").lobes
+    torch.testing.assert_close(found.axes, lobes.axes, rtol=0, atol=2e-6)
+    torch.testing.assert_close(found.sharpness, lobes.sharpness, rtol=1e-5, atol=0)
+
+
 def with_one_more(tracks: LobeTracks, name: str) -> LobeTracks:
     """Add a blue square key at +X, 20 degrees wide or so, with an up axis of +Y."""
     count = len(tracks.frames)
