@@ -167,8 +167,10 @@ def split(room: ListRoom, top: float, height: float) -> None:
     )
     if is_held:
         imgui.set_mouse_cursor(imgui.MouseCursor_.resize_ns)
-    if imgui.is_item_active() and imgui.is_mouse_dragging(imgui.MouseButton_.left):
-        room.share = max(0.1, min(0.9, (imgui.get_mouse_pos().y - top) / height))
+    moved = imgui.get_io().mouse_delta.y
+    if imgui.is_item_active() and moved:
+        points = corner.y - imgui.get_style().item_spacing.y - top + moved
+        room.share = max(0.1, min(0.9, points / height))
     if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
         room.share = None
 
