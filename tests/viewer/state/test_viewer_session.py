@@ -9,6 +9,7 @@ import torch
 
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks
+from asglight.viewer.panels.help import said
 from asglight.viewer.reference.images import Reference
 from asglight.viewer.state.compared.titles import titles
 from asglight.viewer.state.session import Session, no_lobes, padded
@@ -120,6 +121,16 @@ def test_frames_that_a_fit_has_not_come_to_count_as_none_also_when_it_fails(
     assert not state.is_fitting
     assert state.fitted == ({1001, 1002} if failure else None)
     assert titles(state)[0] == title
+
+
+def test_what_was_just_done_is_said_also_after_a_fit_has_failed(two_lamps: LobeTracks) -> None:
+    watched = session(Script([first(two_lamps, 2)], "sky.1004.exr: is damaged."), two_lamps)
+    watched.update()
+    assert said(watched.state, watched) == "sky.1004.exr: is damaged."
+    watched.state.message = "Saved balls.png."
+    assert said(watched.state, watched) == "Saved balls.png."
+    watched.state.message = ""
+    assert said(watched.state, watched) == "sky.1004.exr: is damaged."
 
 
 def grey(frame: int) -> np.ndarray:
