@@ -31,8 +31,9 @@ TITLES = ("amplitude", "sharpness", "direction")
 
 def curves(state: ViewerState) -> None:
     """Draw three plots side by side; dragging in one scrubs."""
-    if len(state.tracks.frames) < 2:
-        imgui.text_disabled("One frame only: nothing changes over time.")
+    finding = without_curves(state)
+    if finding:
+        imgui.text_disabled(finding)
         return
     values = track_curves(Held(state.tracks), state.fitted)
     room = imgui.get_content_region_avail()
@@ -42,6 +43,15 @@ def curves(state: ViewerState) -> None:
         for title, tracks in zip(TITLES, values, strict=True):
             _plot(state, title, frames, tracks, is_logarithmic=title != TITLES[2])
         implot.end_subplots()
+
+
+def without_curves(state: ViewerState) -> str:
+    """Return why there is nothing to plot; empty where there is something."""
+    if len(state.tracks.frames) < 2:
+        return "One frame only: nothing changes over time."
+    if state.tracks.lobes.count and (state.fitted is None or state.fitted):
+        return ""
+    return "The first lobes are being fitted ..." if state.is_fitting else "No lobes."
 
 
 @lru_cache(maxsize=2)

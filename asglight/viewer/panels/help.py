@@ -63,6 +63,8 @@ def said(state: ViewerState, session: Session) -> str:
     if state.references is not None:
         missing = state.references.message(state.playback.frame)
     done = f"lobes of {status.frames_done} of {status.frames_total} frames"
+    if not state.tracks.lobes.count and not state.is_fitting:
+        done = "no lobes"
     return state.message or status.failure or missing or status.message or done
 
 

@@ -9,6 +9,7 @@ import torch
 
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks
+from asglight.viewer.panels.curves import without_curves
 from asglight.viewer.panels.help import said
 from asglight.viewer.reference.images import Reference
 from asglight.viewer.state.compared.titles import titles
@@ -121,6 +122,23 @@ def test_frames_that_a_fit_has_not_come_to_count_as_none_also_when_it_fails(
     assert not state.is_fitting
     assert state.fitted == ({1001, 1002} if failure else None)
     assert titles(state)[0] == title
+
+
+@pytest.mark.parametrize("is_fitting", [True, False])
+def test_without_lobes_there_are_no_curves_and_it_is_said(
+    two_lamps: LobeTracks, is_fitting: bool
+) -> None:
+    none = no_lobes(two_lamps.frames, two_lamps.fps)
+    source = Script([None, two_lamps]) if is_fitting else FixedSource(none)
+    watched = Session(ViewerState(none), source, "test")
+    watched.update()
+    if is_fitting:
+        assert without_curves(watched.state) == "The first lobes are being fitted ..."
+        watched.update()
+        assert without_curves(watched.state) == ""
+    else:
+        assert without_curves(watched.state) == "No lobes."
+        assert said(watched.state, watched) == "no lobes"
 
 
 def test_what_was_just_done_is_said_also_after_a_fit_has_failed(two_lamps: LobeTracks) -> None:
