@@ -38,9 +38,11 @@ def changed(tracks: LobeTracks, lobe: int, frames: slice, *kinds: str) -> LobeTr
     if "brighten" in kinds:
         lobes.amplitude[frames, lobe] *= torch.tensor([4.0, 2.0, 0.5])
     if "sharpen" in kinds:
-        # in the asg and bingham forms the lesser sharpness becomes the greater
-        factor = [2.0, 2.0] if lobes.form is Form.SG else [0.5, 8.0]
-        lobes.sharpness[frames, lobe] *= torch.tensor(factor)
+        # the greater of the two remains the greater: a stage that is written anew has it along x
+        own = lobes.sharpness[frames, lobe]
+        is_greater = own == own.amax(-1, keepdim=True)
+        factor = 2.0 if lobes.form is Form.SG else torch.where(is_greater, 8.0, 2.0)
+        lobes.sharpness[frames, lobe] = own * factor
     return replace(tracks, lobes=lobes)
 
 
@@ -150,6 +152,20 @@ def test_only_what_the_edit_changes_is_overridden(kind, overridden, tmp_path):
     assert found == overridden | {"inputs:texture:file"}
     assert prims == {"lobe_02", "Dome"}
     assert layer.GetPrimAtPath("/AsgRig").specifier == Sdf.SpecifierOver
+
+
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+def test_what_was_the_width_remains_the_width_however_wide_it_becomes(tmp_path, up_axis):
+    write_every(still(), tmp_path / "shot.usda", up_axis=up_axis)
+    tracks = read_usd(tmp_path / "shot.usda")
+    lobes = tracks.lobes.clone()
+    lobes.sharpness[:, 1] *= torch.tensor([0.1, 10.0])
+    assert bool((lobes.sharpness[:, 1, 0] < lobes.sharpness[:, 1, 1]).all())
+    tracks = replace(tracks, lobes=lobes)
+    write_edit_layer(tmp_path / "edits.usda", tmp_path / "shot.usda", tracks, [1])
+    found = read_usd(tmp_path / "edits.usda").lobes
+    torch.testing.assert_close(found.axes, lobes.axes, rtol=0, atol=ROUNDING)
+    torch.testing.assert_close(found.sharpness, lobes.sharpness, rtol=1e-6, atol=0)
 
 
 def test_tracks_that_stand_still_can_be_made_to_move_and_back(tmp_path):
