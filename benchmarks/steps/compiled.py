@@ -25,7 +25,7 @@ from asglight.fitting.first_frame.fit import exposed
 from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
-from asglight.fitting.steps import light, newton
+from asglight.fitting.steps import equations, light, newton
 from asglight.images.sequence import open_sequence
 from asglight.lobes import Form, Lobes
 from asglight.threads import one_thread
@@ -101,7 +101,7 @@ def parts(reference: Tensor) -> list[Row]:
         "images of the lobes": lambda: lobe_images.images(lobes, target.places),
         "J": lambda: objective.value(radiance, target),
         "its slope on leaves": lambda: objective.misfit(radiance, target, target_sizes),
-        "matrix and slope": lambda: newton.normal_equations(shown, misfit, target),
+        "matrix and slope": lambda: equations.normal_equations(shown, misfit, target),
         "four steps": lambda: newton.minimise(lobes, target, 4, tolerance=0.0, shown=shown),
         "light": lambda: light.solve_amplitudes(shown, target),
     }

@@ -83,7 +83,7 @@ def look(own: Arrays, device: str) -> Arrays:
     """
     from asglight.fitting.first_frame.fit import exposed
     from asglight.fitting.loss import leaves, lobe_images, objective
-    from asglight.fitting.steps import newton
+    from asglight.fitting.steps import equations
     from asglight.judging.metrics import frame_errors
     from asglight.lobes import Form, Lobes
 
@@ -103,7 +103,9 @@ def look(own: Arrays, device: str) -> Arrays:
     seen = lobe_images.images(there, places)
     sharper = Lobes(axes[None], MOVED * sharpness[None], light[None], form)
     moved = lobe_images.images(sharper, places)
-    matrix, slope = newton.normal_equations(moved, objective.misfit(moved.radiance, target), target)
+    matrix, slope = equations.normal_equations(
+        moved, objective.misfit(moved.radiance, target), target
+    )
     # the judge works on the processor
     errors = frame_errors(Lobes(axes, sharpness, amplitude, form).to("cpu"), radiance.cpu()).values
     found = {

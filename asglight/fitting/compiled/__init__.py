@@ -156,7 +156,7 @@ def matrix(
     probes: Probes,
     weights: tuple[Tensor, Tensor],
 ) -> Tensor:
-    """Return the matrix of `newton.normal_equations`.
+    """Return the matrix of `equations.normal_equations`.
 
     Args:
         lobes: The lobes.  [F, N, .]

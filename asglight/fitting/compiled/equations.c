@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * The Gauss-Newton matrix of J for one frame: newton.normal_equations without the gradient.
+ * The Gauss-Newton matrix of J for one frame: equations.normal_equations without the gradient.
  *
  * Columns lie [place][6][width], a lane a lobe: all lobes are drawn at once at each place, and a
  * Gram matrix is a sum of outer products of rows. It is symmetric: half of it is summed.
@@ -150,7 +150,7 @@ static void grid_columns(int64_t lobes, const float *sharpness, int width, int64
     if (any) rescale(width, count, scale, of_scale, columns);
 }
 
-/* newton._chain: from columns to unknowns; a shape unknown moves each channel by the amplitude. */
+/* equations._chain: from columns to unknowns; a shape unknown moves each channel by the amplitude. */
 static void chain(int64_t lobes, int width, const float *amplitude, const float *gram,
                   double *hessian) {
     int64_t size = UNKNOWNS * lobes;

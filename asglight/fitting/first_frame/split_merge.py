@@ -24,7 +24,7 @@ from torch import Tensor
 
 from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.loss.coordinates import BROAD, UNKNOWNS, advance
-from asglight.fitting.steps import neighbours, newton
+from asglight.fitting.steps import equations, neighbours, newton
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import orthonormal
@@ -260,7 +260,7 @@ def leave_one_out_costs_of_each(
         The growth for each lobe [F, N], and the step of all lobes that takes its light away and
         makes up for it, in local coordinates [F, N, N, 8].
     """
-    hessian = newton.normal_equations(shown, found, frame)[0]
+    hessian = equations.normal_equations(shown, found, frame)[0]
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
     least = 1e-12 * diagonal.amax(-1, keepdim=True)
     scale = torch.maximum(diagonal, least).rsqrt()

@@ -3,7 +3,7 @@
 
 The fit's loss J (asglight/fitting/loss/objective.py) is written down once more, plainly: the
 materials as one matrix each instead of Fourier transforms, everything in float64. Its differences
-along random directions of the lobes' coordinates are what `newton.normal_equations` foretells.
+along random directions of the lobes' coordinates are what `equations.normal_equations` foretells.
 """
 
 import functools
@@ -17,7 +17,7 @@ from asglight.fitting.first_frame.fit import exposed
 from asglight.fitting.loss import leaves, lobe_images, objective, probes
 from asglight.fitting.loss.coordinates import UNKNOWNS, advance
 from asglight.fitting.loss.grid import POWERS, Grid
-from asglight.fitting.steps import newton
+from asglight.fitting.steps import equations
 from asglight.lobes import Lobes, asg
 from asglight.shading import kernels
 from asglight.sphere import latlong
@@ -76,7 +76,7 @@ def gradient_error(lobes: Lobes, radiance: Tensor) -> float | None:
     own = advance(own, (MOVE * _units(own) * moved).float())
     shown = lobe_images.images(own, places)
     found = objective.misfit(shown.radiance, target)
-    gradient = newton.normal_equations(shown, found, target)[1].reshape(1, own.count, -1)
+    gradient = equations.normal_equations(shown, found, target)[1].reshape(1, own.count, -1)
     exact, units = own.to(torch.float64), _units(own)
     whole = float((gradient * units).norm())
     errors = []

@@ -16,7 +16,7 @@ from asglight import c_library as library
 from asglight.fitting import compiled
 from asglight.fitting.loss import coordinates, leaves, lobe_images, objective, probes, temporal
 from asglight.fitting.loss.grid import POWERS
-from asglight.fitting.steps import light, newton
+from asglight.fitting.steps import equations, light, newton
 from asglight.lobes import Form, Lobes
 from asglight.lobes import data as lobe_data
 
@@ -111,8 +111,8 @@ def test_a_step_is_that_of_torch_in_float64(
     expected = in_torch(objective.misfit, shown.radiance, frame, sizes)
     for what, value in vars(expected).items():
         _check_near(getattr(misfit, what), value, 1e-5)
-    found = newton.normal_equations(shown, misfit, frame)
-    expected = in_torch(newton.normal_equations, shown, misfit, frame)
+    found = equations.normal_equations(shown, misfit, frame)
+    expected = in_torch(equations.normal_equations, shown, misfit, frame)
     for one, other in zip(found, expected, strict=True):
         assert one.dtype == DOUBLE
         _check_near(one, other, 1e-4)  # sums of a thousand products, some of which cancel
@@ -167,14 +167,14 @@ def test_the_solved_step_is_that_of_torch(count: int, some_stay: bool) -> None:
     still = torch.zeros(2, count, dtype=torch.bool) if some_stay else None
     if still is not None:
         still[1, -1] = True
-    expected = newton._solve(hessian, gradient, lobes, damping, still)
+    expected = equations.solve(hessian, gradient, lobes, damping, still)
     found = compiled_parts.solve(hessian, gradient, lobes, damping, still)
     # both in float64; what differs is the order of a hundred thousand products
     torch.testing.assert_close(found, expected, rtol=1e-8, atol=1e-10)
     assert bool((found[0, 0, 5:][gradient[0, 5:8] > 0] == 0).all())
 
 
-@pytest.mark.parametrize("solve", [compiled_parts.solve, newton._solve])
+@pytest.mark.parametrize("solve", [compiled_parts.solve, equations.solve])
 def test_a_system_that_is_not_definite_gives_no_step(solve: Callable[..., Tensor]) -> None:
     lobes = alike(Form.ASG, 2)
     hessian, gradient = _equations(lobes)

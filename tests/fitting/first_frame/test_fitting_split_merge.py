@@ -9,7 +9,7 @@ from torch import Tensor
 from asglight.fitting.first_frame import split_merge
 from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.loss.leaves import leaves
-from asglight.fitting.steps import newton
+from asglight.fitting.steps import equations, newton
 from asglight.lobes import Form, Lobes, asg, texels
 
 TWO = [(1.0, 0.0, 0.2), (1.0, 0.0, -0.5)]
@@ -133,7 +133,7 @@ def test_absence_costs_are_those_of_the_quadratic_without_the_lobe() -> None:
     start, frame = misplaced()
     shown = lobe_images.images(start, frame.places)
     found = objective.misfit(shown.radiance, frame)
-    hessian = newton.normal_equations(shown, found, frame)[0][0]
+    hessian = equations.normal_equations(shown, found, frame)[0][0]
     root = torch.diagonal(hessian).clamp(min=1e-12 * float(torch.diagonal(hessian).max())).sqrt()
     hessian = hessian + split_merge.RIDGE * torch.diag(root.square())
     costs, filled = split_merge.leave_one_out_costs(shown, frame)

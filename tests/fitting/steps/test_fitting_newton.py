@@ -17,7 +17,7 @@ from asglight.fitting.loss.footprints import footprint
 from asglight.fitting.loss.grid import POWERS, Grid, coarser, grid
 from asglight.fitting.loss.leaves import leaves
 from asglight.fitting.loss.probes import probe
-from asglight.fitting.steps import newton
+from asglight.fitting.steps import equations, newton
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes import flat as flat_form
 from asglight.sphere import latlong
@@ -25,7 +25,7 @@ from asglight.sphere import latlong
 
 def _equations(lobes: Lobes, frame: objective.Target) -> tuple[Tensor, Tensor]:
     shown = lobe_images.images(lobes.to(torch.float32), frame.places)
-    return newton.normal_equations(shown, objective.misfit(shown.radiance, frame), frame)
+    return equations.normal_equations(shown, objective.misfit(shown.radiance, frame), frame)
 
 
 def _loss(lobes: Lobes, frame: objective.Target) -> Tensor:
@@ -44,13 +44,13 @@ def double(monkeypatch: pytest.MonkeyPatch) -> None:
         return replace(found, monomials=monomials, share=found.share.double())
 
     monkeypatch.setattr(leaves_module, "grid", fine)
-    monkeypatch.setattr(newton, "grid", fine)
+    monkeypatch.setattr(equations, "grid", fine)
 
 
 def _gradient(lobes: Lobes, frame: objective.Target) -> Tensor:
     shown = lobe_images.images(lobes, frame.places)
     found = objective.misfit(shown.radiance, frame)
-    return newton.normal_equations(shown, found, frame)[1].reshape(-1, UNKNOWNS)
+    return equations.normal_equations(shown, found, frame)[1].reshape(-1, UNKNOWNS)
 
 
 def _differences(lobes: Lobes, frame: objective.Target) -> Tensor:
@@ -162,7 +162,7 @@ def test_matrix_is_the_dense_sum_over_its_cells(form: Form, case: tuple[int, int
         means = [texels.texel_means(lobes[one], height, 2 * height) for one in (0, 1)]
         maps = maps + 10 * flat(torch.stack(means))
     frame = target(maps, rows, refined)
-    expected = _dense_matrix(lobes.to(DOUBLE), frame, coarser(rows, newton.CURVATURE_ROWS))
+    expected = _dense_matrix(lobes.to(DOUBLE), frame, coarser(rows, equations.CURVATURE_ROWS))
     # float32 sums over thousands of cells; exponents as large as the sharpness of narrow lobes
     assert _off_by(_equations(lobes, frame)[0], expected) < (2e-3 if refined else 2e-5)
 
@@ -170,7 +170,7 @@ def test_matrix_is_the_dense_sum_over_its_cells(form: Form, case: tuple[int, int
 @pytest.mark.parametrize("form", list(Form))
 def test_matrix_of_wide_lobes_is_the_one_summed_over_every_leaf(form: Form) -> None:
     lobes, frame = alike(form, seeds=(2,)), target(noise(128), 64, 16)
-    wide = texels.lobe_width(lobes[0]) >= 1.5 * math.pi / newton.CURVATURE_ROWS
+    wide = texels.lobe_width(lobes[0]) >= 1.5 * math.pi / equations.CURVATURE_ROWS
     lobes = lobes.select(wide)
     assert lobes.count >= 3
     expected = _dense_matrix(lobes.to(DOUBLE), frame, 64)

@@ -15,7 +15,7 @@ from asglight.errors import InputError
 from asglight.lobes import Form, LobeTracks
 from asglight.usd import lint_stage, read_stage, read_usd
 from asglight.usd.options import OF_LOBES
-from asglight.usd.write.edit_layer import write_edit_layer
+from asglight.usd.write.edits.edit_layer import write_edit_layer
 
 FRAMES = (1001, 1002, 1005)
 LOBE = "/AsgRig/Lobes/lobe_01"
