@@ -361,30 +361,6 @@ def test_a_black_light_that_was_lit_is_lit(tmp_path):
     assert anew.GetPrimAtPath(LOBE).GetAttribute("inputs:intensity").Get() == pytest.approx(3.0)
 
 
-@pytest.mark.parametrize(
-    ("lights", "found"),
-    [
-        ([], "holds no AsgLobeAPI prim; expected the lobes of a stage that asglight wrote"),
-        (["DistantLight"], "holds 1 DistantLight, and no AsgLobeAPI prim; expected the lobes"),
-        (
-            ["RectLight", "RectLight", "DomeLight"],
-            "holds 1 DomeLight, 2 RectLight, and no AsgLobeAPI prim; expected the lobes of a",
-        ),
-    ],
-)
-def test_a_stage_by_others_is_told_by_what_it_holds(lights, found, tmp_path):
-    path = tmp_path / "theirs.usda"
-    stage = Usd.Stage.CreateNew(str(path))
-    for index, kind in enumerate(lights):
-        stage.DefinePrim(f"/World/light_{index}", kind)
-    stage.GetRootLayer().Save()
-    with pytest.raises(InputError) as caught:
-        read_usd(path)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: {found}")
-    assert message.endswith("Fit the environment's images: asglight fit INPUT -o STAGE.")
-
-
 def test_a_layer_of_edits_refuses_what_it_could_not_change(tmp_path):
     path = written(tmp_path)
     over = edit(path, lambda stage: scale_samples(light(stage).GetIntensityAttr(), 2.0))
