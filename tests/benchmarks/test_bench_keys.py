@@ -2,7 +2,6 @@
 """Keys of maps and shots by chance keep to what is asked of them: `benchmarks/keyed/`."""
 
 import argparse
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,15 +16,18 @@ MOST = {"env": 0.15, "irr": 0.003, "r0.5": 0.006, "r0.25": 0.02, "flux": 1e-4}
 KINDS = list(cases.KINDS)[:10]
 
 
-@lru_cache(maxsize=1)
+@pytest.fixture(scope="module")
 def ten() -> list[Any]:
-    return list(cases.cases(10, seed=7, rows=ROWS))
+    """Return the cases; shots of four frames."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cases, "FRAMES", 4)
+        return list(cases.cases(10, seed=7, rows=ROWS))
 
 
 @pytest.mark.parametrize("index", range(10), ids=KINDS)
-def test_keys_and_rest_of_cases_by_chance_are_the_map(index: int) -> None:
+def test_keys_and_rest_of_cases_by_chance_are_the_map(index: int, ten: list[Any]) -> None:
     options = argparse.Namespace(keys=None, texture=False)
-    row, corners = measure.judged_case(ten()[index], options)
+    row, corners = measure.judged_case(ten[index], options)
     assert row.keys >= 1
     for name, most in MOST.items():
         assert row.worst[name] <= most, name
@@ -36,10 +38,10 @@ def test_keys_and_rest_of_cases_by_chance_are_the_map(index: int) -> None:
         assert corners < 0.1
 
 
-@pytest.mark.parametrize("index", [1, 4, 6], ids=[KINDS[k] for k in (1, 4, 6)])
-def test_keys_with_their_pixels_are_the_map_more_nearly(index: int) -> None:
+@pytest.mark.parametrize("index", [1, 4], ids=[KINDS[k] for k in (1, 4)])
+def test_keys_with_their_pixels_are_the_map_more_nearly(index: int, ten: list[Any]) -> None:
     options = argparse.Namespace(keys=None, texture=True)
-    row, _ = measure.judged_case(ten()[index], options)
+    row, _ = measure.judged_case(ten[index], options)
     assert row.worst["env"] <= 0.03
     assert row.worst["r0.25"] <= 0.002
 
