@@ -43,7 +43,7 @@ def _doubled(value: Any) -> Any:
 @pytest.fixture
 def in_torch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """Call a function with what it is given in float64, grids too, and so in torch."""
-    grids = {module: module.grid for module in (leaves, newton)}
+    grids = {module: module.grid for module in (leaves, equations)}
 
     def call(function: Callable[..., Any], *given: Any, **others: Any) -> Any:
         with monkeypatch.context() as patch:
