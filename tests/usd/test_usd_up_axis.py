@@ -86,7 +86,7 @@ def test_the_dome_images_are_the_same(tmp_path):
 @pytest.mark.parametrize("form", Form)
 @pytest.mark.parametrize("extension", ["usda", "usdc"])
 def test_the_same_tracks_come_back(form, extension, tmp_path):
-    tracks = moving(range(1001, 1006), form=form, jitter=0.1)
+    tracks = moving(range(1001, 1020), form=form, jitter=0.1)
     path = tmp_path / f"shot.{extension}"
     write_every(tracks, path, up_axis="Z", dome_height=2)
     assert_same(read_usd(path), tracks)

@@ -2,6 +2,7 @@
 """`asglight keys`, and the options of keys of `asglight fit`."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,9 @@ from pxr import Usd, UsdLux
 
 from asglight.cli.main import main
 from asglight.images import write_exr
+from asglight.shots import fit_shot
+from asglight.shots.parts import farm
+from asglight.shots.parts.chunks import Shot
 from asglight.usd import lint_stage
 from asglight.usd.read.keys import read_keys
 from asglight.usd.read.read_options import read_options
@@ -218,7 +222,18 @@ def test_a_rest_that_was_dimmed_elsewhere_is_not_copied_as_it_was(folder, tmp_pa
     assert "the rest was changed (/AsgRig/Rest: light x 0.5)" in capsys.readouterr().err
 
 
-def test_a_farm_leaves_stages_whose_keys_are_cut_here(folder, tmp_path, capsys) -> None:
+def fitted_here(shots: Sequence[Shot], *_: object, **__: object) -> list[str]:
+    """Fit shots as a farm does, in this process."""
+    for shot in shots:
+        settings = {"frames": shot.frames, "fps": shot.fps, "stage": shot.stage}
+        fit_shot(shot.source, shot.output, shot.options, **settings)
+    return [shot.output for shot in shots]
+
+
+def test_a_farm_leaves_stages_whose_keys_are_cut_here(
+    folder, tmp_path, capsys, monkeypatch
+) -> None:
+    monkeypatch.setattr(farm, "fit_on_farm", fitted_here)
     target, alone = tmp_path / "farm.usda", tmp_path / "alone.usda"
     words = [folder / "sky.#.exr", "--keys", "auto", "-o"]
     assert run("fit", *words, alone) == 0

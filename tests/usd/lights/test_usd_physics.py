@@ -13,7 +13,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdLux
-from usd_tracks import SHAPES, beginning, moving, of_every_kind, still, write_every
+from usd_tracks import SHAPES, moving, of_every_kind, still, write_every
 
 from asglight.lobes import Form, Lobes, LobeTracks, asg
 from asglight.sphere import latlong
@@ -103,12 +103,12 @@ def image_of(dome: Usd.Prim, frame: float) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("form", Form)
 def test_cards_carry_the_flux_of_the_lobes_at_every_frame(form, tmp_path):
-    tracks = moving(range(1001, 1008), form=form)
+    tracks = moving(range(1001, 1021), form=form)
     tracks.lobes.sharpness[:] *= torch.tensor([3.0, 1e3, 3.0])[:, None]  # none in the fill
     write_every(tracks, tmp_path / "shot.usdc", dome_height=2)
     stage = open_as(tmp_path / "shot.usdc", "cards")
     for index, lobe in enumerate(stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren()):
-        for frame in (1001, 1004, 1007):
+        for frame in (1001, 1008, 1020):
             flux = sum(
                 card_seen(light, frame)[1].sum() * emitted(light, frame)
                 for light in lights_of(lobe)
@@ -118,7 +118,7 @@ def test_cards_carry_the_flux_of_the_lobes_at_every_frame(form, tmp_path):
 
 
 def test_frames_whose_samples_were_left_out_keep_their_flux(tmp_path):
-    tracks = beginning(moving(range(1, 1201)), 240)
+    tracks = moving(range(1, 1201))
     tracks.lobes.sharpness[:, 0] *= 500  # one card
     kinds = cards.kinds(tracks.lobes)
     images = layer.Images(["./sky.exr"])
@@ -129,7 +129,7 @@ def test_frames_whose_samples_were_left_out_keep_their_flux(tmp_path):
     lobe = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00")
     width = lobe.GetAttribute("inputs:width")
     between = sorted(set(tracks.frames) - set(map(int, width.GetTimeSamples())))
-    assert len(between) > 20
+    assert len(between) > 100
     for frame in between[:: len(between) // 20]:
         flux = card_seen(lobe, frame)[1].sum() * emitted(lobe, frame)
         wanted = asg.flux(single(tracks, frame, 0).to(torch.float64))[0].numpy()
@@ -194,11 +194,11 @@ def test_a_bingham_lobe_lights_both_sides_alike(tmp_path):
 
 @pytest.mark.parametrize("form", Form)
 def test_distant_lights_give_the_irradiance_that_faces_the_lobe(form, tmp_path):
-    tracks = moving(range(1001, 1008), form=form)
+    tracks = moving(range(1001, 1021), form=form)
     write_every(tracks, tmp_path / "shot.usdc", dome_height=2)
     stage = open_as(tmp_path / "shot.usdc", "distant")
     for index, lobe in enumerate(stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren()):
-        for frame in (1001, 1004, 1007):
+        for frame in (1001, 1008, 1020):
             truth = single(tracks, frame, index)
             lights = lights_of(lobe)
             assert len(lights) == (2 if form is Form.BINGHAM else 1)

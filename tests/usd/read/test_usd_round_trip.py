@@ -19,7 +19,7 @@ from asglight.usd import read_stage, read_usd
 @pytest.mark.parametrize("form", Form)
 @pytest.mark.parametrize("extension", ["usda", "usdc", "usd"])
 def test_moving_tracks_come_back(form, extension, tmp_path):
-    tracks = moving(range(1001, 1007), form=form)
+    tracks = moving(range(1001, 1033), form=form)
     path = tmp_path / f"shot.{extension}"
     write_every(tracks, path, dome_height=2)
     assert_same(read_usd(path), tracks)

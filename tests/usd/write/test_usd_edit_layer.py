@@ -385,7 +385,7 @@ def test_a_full_disk_leaves_everything_as_it_was(tmp_path):
     folders = [tmp_path / "layer", tmp_path / "image"]
     for folder, height in zip(folders, (2, 64), strict=True):
         folder.mkdir()
-        write_every(moving(range(9)), folder / "fit.usda", dome_height=height)
+        write_every(moving(range(40)), folder / "fit.usda", dome_height=height)
         after = changed(read_usd(folder / "fit.usda"), 0, slice(None), "turn")
         write_edit_layer(folder / "edit.usda", folder / "fit.usda", after, [0])
     before = contents(tmp_path)

@@ -148,7 +148,7 @@ from usd_tracks import moving, write_every
 from asglight.errors import InputError
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]),) * 2)
 try:
-    write_every(moving(range(9), seed=1), sys.argv[1], dome_height=int(sys.argv[4]))
+    write_every(moving(range(40), seed=1), sys.argv[1], dome_height=int(sys.argv[4]))
 except InputError as error:
     print(error)
 """
@@ -161,7 +161,7 @@ except InputError as error:
 )
 def test_a_full_disk_leaves_everything_as_it_was(extension, limit, height, named, tmp_path):
     path = tmp_path / f"shot.{extension}"
-    write_every(moving(range(9)), path, dome_height=2)
+    write_every(moving(range(40)), path, dome_height=2)
     before = contents(tmp_path)
     result = subprocess.run(
         [sys.executable, "-c", LIMITED, str(path), str(SUPPORT), str(limit), str(height)],
