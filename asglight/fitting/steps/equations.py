@@ -2,8 +2,8 @@
 """The equations of a Levenberg-Marquardt step: (H + damping diag H) delta = -gradient.
 
 H is the Gauss-Newton matrix of J's quadratic majoriser (objective.py) [Marquardt 1963]. The
-gradient is taken over every leaf. H only shapes the step: its cells are coarser still, but for the
-refined ones. C has the same functions (compiled/equations.c, compiled/steps.c).
+gradient is taken over every adaptive cell. H only shapes the step: its cells are coarser still, but
+for the refined ones. C has the same functions (compiled/equations.c, compiled/steps.c).
 """
 
 import torch
@@ -11,23 +11,23 @@ from torch import Tensor
 
 from asglight.fitting import compiled
 from asglight.fitting.loss import lobe_images, objective
+from asglight.fitting.loss.adaptive_cells import AdaptiveCells
 from asglight.fitting.loss.coordinates import UNKNOWNS
 from asglight.fitting.loss.footprints import Footprint, footprint
 from asglight.fitting.loss.grid import Grid, cell_sums, coarser, grid
-from asglight.fitting.loss.leaves import Leaves
 from asglight.fitting.loss.lobe_images import COLUMNS, Images
-from asglight.fitting.loss.objective import Misfit
+from asglight.fitting.loss.objective import LossGradient
 from asglight.fitting.loss.probes import CURVATURE_ROWS, probe, tables
 from asglight.lobes import Lobes, asg
 
 
 def normal_equations(
-    shown: Images, found: Misfit, frame: objective.Target
+    shown: Images, found: LossGradient, frame: objective.Target
 ) -> tuple[Tensor, Tensor]:
     """Return the Gauss-Newton matrix and the gradient of J.
 
     Args:
-        shown: The lobes on the frames' leaves.
+        shown: The lobes on the frames' adaptive cells.
         found: J of what they show.
         frame: The maps and their weights.
 
@@ -37,22 +37,22 @@ def normal_equations(
     lobes, places = shown.lobes, frame.places
     cells = summed_on(places)
     if compiled.serves(lobes, places):
-        leaves, probes = places.compiled, tables(cells.height)
-        slopes, of_scale = compiled.slopes(lobes, shown.scale, found.slope, leaves)
+        adaptive, probes = places.compiled, tables(cells.height)
+        slopes, of_scale = compiled.slopes(lobes, shown.scale, found.slope, adaptive)
         weights = found.env_weight, found.view_weight
         scales = shown.scale, of_scale
-        hessian = compiled.matrix(lobes, scales, leaves, cells, probes, weights)
+        hessian = compiled.matrix(lobes, scales, adaptive, cells, probes, weights)
         return hessian, slopes.flatten(1)
     sizes = [rows for rows, _, _ in places.levels]
     seen = footprint(lobes, [*sizes, cells.height])
-    of_leaves = Footprint(seen.exponent[:-1], seen.derivatives[:-1])
-    of_scale = lobe_images.scale_slopes(shown, of_leaves, places)
-    slopes = lobe_images.slopes(shown, of_leaves, of_scale, found.slope, places)
+    of_adaptive = Footprint(seen.exponent[:-1], seen.derivatives[:-1])
+    of_scale = lobe_images.scale_slopes(shown, of_adaptive, places)
+    slopes = lobe_images.slopes(shown, of_adaptive, of_scale, found.slope, places)
     coarse = lobe_images.grid_columns(lobes, seen, -1, cells)
     weight = cell_sums(found.env_weight[:, : places.count], places.rows, cells.height)
     gram = (coarse * weight[:, None]) @ coarse.mT
     for level, (_, monomials, place) in list(enumerate(places.levels))[1:]:
-        sharp = lobe_images.leaf_columns(shown, seen, of_scale, level, monomials)
+        sharp = lobe_images.adaptive_columns(shown, seen, of_scale, level, monomials)
         gram += (sharp * found.env_weight[:, None, place]) @ sharp.mT
     views = probe(coarse, cells.height)
     gram += (views * found.view_weight[:, None]) @ views.mT
@@ -102,6 +102,6 @@ def solve(
     return step.reshape(-1, lobes.count, UNKNOWNS)
 
 
-def summed_on(places: Leaves) -> Grid:
+def summed_on(places: AdaptiveCells) -> Grid:
     """Return the grid of cells on which the matrix is summed."""
     return grid(coarser(places.rows, CURVATURE_ROWS), str(places.refined.device))

@@ -23,7 +23,7 @@ from asglight.fitting.compiled import layout
 from asglight.fitting.loss import lobe_images, objective, temporal
 from asglight.fitting.loss.coordinates import advance
 from asglight.fitting.loss.lobe_images import Images
-from asglight.fitting.loss.objective import Sizes
+from asglight.fitting.loss.objective import LossTerms
 from asglight.fitting.loss.probes import tables
 from asglight.fitting.steps import equations, neighbours
 from asglight.fitting.steps.captured import Replays
@@ -58,7 +58,7 @@ class Outcome:
         lobes: The lobes.  [F, N, .]
         value: J with the temporal terms.  [F]
         damping: The damping of the next step.  [F]
-        shown: The lobes on the frame's leaves, where they are known.
+        shown: The lobes on the frame's adaptive cells, where they are known.
     """
 
     lobes: Lobes
@@ -78,13 +78,13 @@ class Outcome:
 
 @dataclass(frozen=True)
 class _State:
-    """Lobes on their leaves, J there, and J with the temporal terms.
+    """Lobes on their adaptive cells, J there, and J with the temporal terms.
 
     J's slope is taken where a step starts, not where one was tried: many steps are not taken.
     """
 
     shown: Images
-    sizes: Sizes
+    sizes: LossTerms
     value: Tensor
 
 
@@ -138,7 +138,7 @@ def minimise(
         still: Which lobes stay as they are.  [F, N]
         tolerance: Stop when the step of each frame lowers J by less than this share of it.
         on_step: Called with the lobes after each step.
-        shown: The lobes on the frame's leaves, where they are known.
+        shown: The lobes on the frame's adaptive cells, where they are known.
         moving: The lobes of each frame that take steps; the light of all others is held. All if
             None.  [F, K]
     """
@@ -208,7 +208,7 @@ def _some(
 
     Args:
         lobes: All of them.  [F, N, .]
-        radiance: What they show on the leaves.  [F, 3, P]
+        radiance: What they show on the adaptive cells.  [F, 3, P]
         index: Which take steps.  [F, K]
         damping: First damping.  [F]
         given: Of all lobes.
@@ -300,7 +300,7 @@ def _next_damping(damping: Tensor, better: Tensor) -> Tensor:
 
 
 def _judged(shown: Images, frame: objective.Target, priors: Sequence[temporal.Prior]) -> _State:
-    found = objective.sizes(shown.radiance, frame)
+    found = objective.loss_terms(shown.radiance, frame)
     value = found.value
     for prior in priors:
         value = value + temporal.value(shown.lobes, prior)
@@ -314,7 +314,7 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
         return torch.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
     new, old = tried.sizes, before.sizes
-    found = Sizes(
+    found = LossTerms(
         of(new.value, old.value),
         of(new.parts, old.parts),
         of(new.texels, old.texels),
@@ -326,7 +326,7 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
 
 
 def _equations(state: _State, given: Setting) -> tuple[Tensor, Tensor]:
-    found = objective.misfit(state.shown.radiance, given.frame, state.sizes)
+    found = objective.loss_gradient(state.shown.radiance, given.frame, state.sizes)
     hessian, gradient = equations.normal_equations(state.shown, found, given.frame)
     for prior in given.priors:
         curvature, slope = temporal.slopes(state.shown.lobes, prior)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from asglight.fitting.first_frame.fit import exposed
-from asglight.fitting.loss import leaves, lobe_images, objective
+from asglight.fitting.loss import adaptive_cells, lobe_images, objective
 from asglight.fitting.steps import equations
 from asglight.judging.stress import gradient as stress_gradient
 from asglight.judging.stress.maps import constant, lobe, sun_and_sky, together, toward
@@ -29,7 +29,9 @@ def test_the_derivative_of_the_fit_is_that_of_its_loss(form: Form) -> None:
 
 def test_the_loss_written_down_once_more_is_the_loss_of_the_fit() -> None:
     frame = exposed(sun_and_sky())
-    places = leaves.leaves(frame.radiance, stress_gradient.ROWS, stress_gradient.REFINED)
+    places = adaptive_cells.adaptive_cells(
+        frame.radiance, stress_gradient.ROWS, stress_gradient.REFINED
+    )
     target = objective.target(frame.radiance, objective.Corners(), places)
     values = []
     for lobes in (lamps(), lamps().select(torch.tensor([0, 2]))):
