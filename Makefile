@@ -56,10 +56,10 @@ docs: setup      ## the pages of docs/ as a site (site/index.html), without a ne
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 test: setup      ## all tests, a file of them on each core at a time
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 test-fast: setup ## the tests of less than ten seconds each
-	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m 'not slow'
 
 soak: setup      ## 100,000 damaged files, 110 faults, 10,000 frames: within half an hour (soak-output/)
 	OMP_NUM_THREADS=1 $(BIN)/python -m soak.measure -o soak-output

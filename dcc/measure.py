@@ -9,7 +9,6 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import torch
 
@@ -19,7 +18,9 @@ from dcc import in_blender, in_mitsuba, rows, shots, tables
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, write and print; return the exit status."""
-    options = _parser().parse_args(argv)
+    parser = shots.parser("dcc", __doc__, "dcc-output")
+    parser.add_argument("--frames", type=int, default=3, metavar="N", help="of a sequence (3)")
+    options = parser.parse_args(argv)
     torch.set_num_threads(1)  # the renderers have the cores
     try:
         return run(options)
@@ -56,18 +57,6 @@ def run(options: argparse.Namespace) -> int:
     for line in failed:
         print(f"dcc: {line}", file=sys.stderr)
     return 1 if failed else 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m dcc.measure", description=__doc__)
-    add = parser.add_argument
-    add("--sequences", type=Path, default=Path("../shared/sequences"), metavar="DIR")
-    add("--short", action="store_true", help="one frame of the built-in sky, Blender only")
-    add("--frames", type=int, default=3, metavar="N", help="frames of each sequence (3)")
-    add("--size", type=int, default=16, metavar="S", help="pixels across a ball (16)")
-    add("--samples", type=int, default=1024, metavar="N", help="of a pixel and seed (1024)")
-    add("-o", "--output", type=Path, default=Path("dcc-output"), metavar="DIR")
-    return parser
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is measured: shots, fitted and exported, at a few frames."""
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from asglight.shots import fit_shot
 from asglight.sky import SkyConfig, radiance
 from asglight.usd import StageOptions, read_usd, write_usd
 from asglight.usd.options import OF_LOBES
+from dcc import renderers
 
 SEQUENCES = ("day", "tunnel", "handheld")
 
@@ -103,3 +105,30 @@ def _shot(name: str, folder: Path, count: int, output: Path) -> Shot:
     frames = tuple(tracks.frames[int(index)] for index in chosen)
     images = tuple(sequence.source.files[frame] for frame in frames)
     return Shot(name, frames, images, stages, tracks)
+
+
+def parser(room: str, description: str | None, output: str) -> argparse.ArgumentParser:
+    """Return a parser of the options that measures of shots have in common.
+
+    Args:
+        room: `dcc` or a room of it.
+        description: Of the measure.
+        output: Folder that is written where none is said.
+    """
+    found = argparse.ArgumentParser(prog=f"python -m {room}.measure", description=description)
+    add = found.add_argument
+    add("--sequences", type=Path, default=Path("../shared/sequences"), metavar="DIR")
+    add("--short", action="store_true", help="the built-in sky only, in Blender only")
+    add("--size", type=int, default=16, metavar="S", help="pixels across a ball (16)")
+    add("--samples", type=int, default=1024, metavar="N", help="of a pixel and seed (1024)")
+    add("-o", "--output", type=Path, default=Path(output), metavar="DIR")
+    return found
+
+
+def extension_parser(room: str, description: str | None, output: str) -> argparse.ArgumentParser:
+    """Return `parser` for shots that go through the Blender extension."""
+    found = parser(room, description, output)
+    found.add_argument("--zip", type=Path, required=True, metavar="ZIP", help="the extension")
+    python = "an interpreter that has bpy"
+    found.add_argument("--python", type=Path, default=renderers.PYTHON, help=python)
+    return found

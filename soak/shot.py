@@ -19,7 +19,7 @@ import numpy as np
 import torch
 
 import asglight.cli.commands.fit
-import asglight.usd.write.edit_layer
+import asglight.usd.write.edits.edit_layer
 import asglight.usd.write.stage_file
 from asglight.cli.main import main
 from asglight.images import write_exr
@@ -28,7 +28,11 @@ ROWS = 16
 FRAMES = 6
 OPTIONS = ("--preset", "live", "--lobes", "2", "--dome-height", "8", "--resume")
 
-LOADED = (asglight.cli.commands.fit, asglight.usd.write.edit_layer, asglight.usd.write.stage_file)
+LOADED = (
+    asglight.cli.commands.fit,
+    asglight.usd.write.edits.edit_layer,
+    asglight.usd.write.stage_file,
+)
 """What a run would load by itself, once."""
 
 

@@ -17,6 +17,12 @@ if TYPE_CHECKING:
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let files with a slow test come first, so that no core waits long for the last file."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture
 def torch_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let all steps be those of torch, as on a GPU."""

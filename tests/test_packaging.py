@@ -28,7 +28,7 @@ from asglight.fitting import compiled
 from asglight.sky import SkyConfig
 
 demo.CONFIG = SkyConfig(frames=(1001, 1002, 1003))
-demo.HEIGHT = 32
+demo.HEIGHT = 16
 demo.draw_balls = lambda *of: None
 status = main(["demo", "-o", "out"])
 facts = {"status": status, "file": asglight.__file__, "compiled": compiled.LIBRARY is not None}

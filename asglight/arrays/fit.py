@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fit of radiance in memory: what `fit_sequence` does of files."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import torch
 
-from asglight.arrays.radiance import all_prepared, device_of, frames_of
+from asglight.arrays.radiance import Frame, all_prepared, device_of, frames_of
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import Following
 from asglight.images.options import LOST_MAX, ReadOptions
@@ -73,11 +74,25 @@ def fit(
     reading.check()
     count = len(frames_of(radiance))
     options = options.settled(count)
+    frames = all_prepared(radiance, repair, first_frame)
+    records = _fitted(frames, count, options, first_frame, on_progress)
+    tracks = tracks_of(records, {"source": SOURCE, "repair": repair}, options, fps)
+    return with_condition(tracks)
+
+
+def _fitted(
+    frames: Iterator[Frame],
+    count: int,
+    options: FitOptions,
+    first_frame: int,
+    on_progress: OnProgress,
+) -> list[FrameRecord]:
+    """Fit the frames one after the other, then each once more between its neighbours."""
     on_progress(Started(count, 0))
     records: list[FrameRecord] = []
     images: list[torch.Tensor] = []
     following = Following(options)
-    for number, frame in enumerate(all_prepared(radiance, repair, first_frame), first_frame):
+    for number, frame in enumerate(frames, first_frame):
         is_new = following.take(frame.radiance)
         found = following.last
         assert found is not None
@@ -95,6 +110,4 @@ def fit(
         )
         records.append(record)
         on_progress(frame_done(records, 0, count))
-    records = refined_by(records, lambda: iter(images), options, on_progress)
-    tracks = tracks_of(records, {"source": SOURCE, "repair": repair}, options, fps)
-    return with_condition(tracks)
+    return refined_by(records, lambda: iter(images), options, on_progress)

@@ -79,14 +79,6 @@ _HEADER = """\
 //   vec3 asglight_albedo(float cos_view, float roughness, vec3 f0)
 //                                                what the layer reflects in a white furnace
 //
-// Vectors are unit, in the world of the stage: right-handed, +Y up. Colours are linear Rec.709.
-// GLSL 3.30 core or GLSL ES 3.00: put it after #version. What begins with asg_, ASG_ or Asg is its
-// own; docs/reference/export.md of asglight has the rest.
-{block}
-#ifdef GL_ES
-precision highp float;
-precision highp int;
-#endif
 """
 
 _KEYED_HEADER = """\
@@ -106,6 +98,9 @@ _KEYED_HEADER = """\
 //   vec3 asglight_albedo(float cos_view, float roughness, vec3 f0)
 //                                                what the layer reflects in a white furnace
 //
+"""
+
+_CONVENTIONS = """\
 // Vectors are unit, in the world of the stage: right-handed, +Y up. Colours are linear Rec.709.
 // GLSL 3.30 core or GLSL ES 3.00: put it after #version. What begins with asg_, ASG_ or Asg is its
 // own; docs/reference/export.md of asglight has the rest.
@@ -185,7 +180,8 @@ def environment(tracks: LobeTracks, blocks_name: str, rest: Tensor | None = None
         padded = np.pad(rest.float().numpy(), ((0, 0), (0, 0), (0, 1)))
         blocks = np.concatenate([blocks, padded], axis=1)
     is_still = bool((blocks == blocks[:1]).all())
-    head = (_HEADER if rest is None else _KEYED_HEADER).format(
+    named = _HEADER if rest is None else _KEYED_HEADER
+    head = (named + _CONVENTIONS).format(
         count=count,
         keys="1 key" if count == 1 else f"{count} keys",
         form=form,

@@ -26,8 +26,8 @@ import torch
 from torch import Tensor
 
 from asglight.fitting.loss import lobe_images
+from asglight.fitting.loss.adaptive_cells import BASE_ROWS
 from asglight.fitting.loss.coordinates import BROAD
-from asglight.fitting.loss.leaves import BASE_ROWS
 from asglight.fitting.loss.measures import even_cells
 from asglight.fitting.loss.probes import PROBES, probe, shares, split
 from asglight.lobes import Form, Lobes, asg

@@ -6,7 +6,8 @@ new one, and the frames fitted so far are kept beside it (checkpoint.py). `fit_s
 fit in memory.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -108,38 +109,17 @@ def fit_shot(
         InputError: The input, a setting or the output cannot be used; or another run writes it.
     """
     output = Path(output)
-    check_options(options)
-    check_fps(fps)
-    check_output(output)
-    check_stage_options(stage)
-    if keys is not None:
-        check_key_options(keys)
+    _check(options, fps, output, stage, keys)
     earlier = _named_stage(output, names_from)
     sequence = open_sequence(
-        source,
-        frames=frames,
-        missing=missing,
-        height=FIT_HEIGHT,
-        reading=reading,
+        source, frames=frames, missing=missing, height=FIT_HEIGHT, reading=reading
     )
     check_preroll(options, sequence.frames[0])
     keying = keys and _keying(source, frames, missing, reading, keys)
     options = options.settled(len(sequence.frames))
     for warning in warning_lines(read_as(sequence.model)):
         on_progress(Notice(f"{shown(sequence.pattern)}: {warning}"))
-    header = header_of(settings_of(sequence, options, fps))
-    path = output.with_name(output.name + SUFFIX)
-    frames_path = output.with_name(output.name + FRAMES_SUFFIX)
-    with (
-        Checkpoint(path, header, resume=resume) as checkpoint,  # it is locked before
-        KeptFrames(
-            sequence,
-            frames_path,
-            is_needed=is_read_again(options),
-            header=header,
-            resume=resume,
-        ) as images,
-    ):
+    with _kept_beside(output, sequence, options, fps, resume) as (checkpoint, images):
         _check_unchanged(sequence, checkpoint)
         _tell_state(checkpoint, on_progress)
         shot = fitted_shot(sequence, options, checkpoint, images, on_progress, followed)
@@ -147,11 +127,41 @@ def fit_shot(
             tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
             tracks = with_condition(_named(tracks, earlier(), on_progress))
             written = write_stage(tracks, output, stage, keying and keying(on_progress))
-        images.remove()
-        checkpoint.remove()
     return ShotResult(
         tracks, tuple(shot.records), shot.resumed, written, stage.representations, written.keys
     )
+
+
+def _check(
+    options: FitOptions, fps: float, output: Path, stage: StageOptions, keys: KeyOptions | None
+) -> None:
+    """Refuse settings that cannot be used, before anything is read."""
+    check_options(options)
+    check_fps(fps)
+    check_output(output)
+    check_stage_options(stage)
+    if keys is not None:
+        check_key_options(keys)
+
+
+@contextmanager
+def _kept_beside(
+    output: Path, sequence: Sequence, options: FitOptions, fps: float, resume: bool
+) -> Iterator[tuple[Checkpoint, KeptFrames]]:
+    """Give what is kept beside the output; it is removed when the stage was written."""
+    header = header_of(settings_of(sequence, options, fps))
+    path = output.with_name(output.name + SUFFIX)
+    frames_path = output.with_name(output.name + FRAMES_SUFFIX)
+    is_needed = is_read_again(options)
+    with (
+        Checkpoint(path, header, resume=resume) as checkpoint,  # it is locked before
+        KeptFrames(
+            sequence, frames_path, is_needed=is_needed, header=header, resume=resume
+        ) as images,
+    ):
+        yield checkpoint, images
+        images.remove()
+        checkpoint.remove()
 
 
 def fit_sequence(
@@ -214,12 +224,9 @@ def fit_sequence(
     )
     check_options(options)
     check_fps(fps)
+    reading = ReadOptions(layer, eye, input_colorspace, repair)
     sequence = open_sequence(
-        source,
-        frames=frames,
-        missing=missing,
-        height=FIT_HEIGHT,
-        reading=ReadOptions(layer, eye, input_colorspace, repair),
+        source, frames=frames, missing=missing, height=FIT_HEIGHT, reading=reading
     )
     options = options.settled(len(sequence.frames))
     with KeptFrames(sequence, is_needed=is_read_again(options)) as images:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from asglight.usd.read.keys import Keys, read_keys
     from asglight.usd.read.tracks import Reading, read_stage, read_usd
     from asglight.usd.schema import SCHEMA_FOLDER
-    from asglight.usd.write.edit_layer import write_edit_layer
-    from asglight.usd.write.key_edits import write_key_edits
+    from asglight.usd.write.edits.edit_layer import write_edit_layer
+    from asglight.usd.write.edits.key_edits import write_key_edits
     from asglight.usd.write.representing import add_representations
     from asglight.usd.write.stage_file import write_usd
     from asglight.usd.write.staging import WriteReport
@@ -58,8 +58,8 @@ _HOME = {
     "Reading": "read.tracks",
     "read_stage": "read.tracks",
     "read_usd": "read.tracks",
-    "write_edit_layer": "write.edit_layer",
-    "write_key_edits": "write.key_edits",
+    "write_edit_layer": "write.edits.edit_layer",
+    "write_key_edits": "write.edits.key_edits",
     "write_usd": "write.stage_file",
 }
 

@@ -12,10 +12,10 @@ from benchmarks.steps import rounding
 MAPS, LOBES, SHORT_LOBES = 3, 15, 3
 
 SAME = {"J": 1e-4, "slope": 1e-2, "matrix": 1e-3}
-"""Relative differences at most. Sums of some 10,000 leaves in float32 round by 1e-5. A slope near
-an end is a small difference of large ones, and the exponent of a lobe of sharpness 60,000, a
-polynomial of the direction in float32, rounds by 60,000 * 6e-8 = 3.5e-3. The processor's compiled
-steps turn each direction into the lobe's frame first and lose nothing."""
+"""Relative differences at most. Sums of some 10,000 adaptive cells in float32 round by 1e-5. A
+slope near an end is a small difference of large ones, and the exponent of a lobe of sharpness
+60,000, a polynomial of the direction in float32, rounds by 60,000 * 6e-8 = 3.5e-3. The processor's
+compiled steps turn each direction into the lobe's frame first and lose nothing."""
 
 FITTED = 1.5
 """Factor of an error of a fit at most: what rounding alone does (docs/results/bench.md, A gate)."""

@@ -17,7 +17,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting.first_frame.fit import Exposed, exposed, narrowest, on_fine_leaves
+from asglight.fitting.first_frame.fit import Exposed, exposed, narrowest, on_fine_cells
 from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.fitting.steps import newton
@@ -105,7 +105,7 @@ def _stepped(
             map is moved.
         steps: At most.
     """
-    wanted = on_fine_leaves(frame)
+    wanted = on_fine_cells(frame)
     if beside:
         errors = [_error(other, own, frame, wanted) for other, own in beside]
         radiance, parts = (sum(each) / (2 * len(errors)) for each in zip(*errors, strict=True))
@@ -123,10 +123,11 @@ def _stepped(
 def _error(
     lobes: Lobes, own: Exposed, frame: Exposed, wanted: objective.Target
 ) -> tuple[Tensor, Tensor]:
-    """Return what the lobes of one frame show wrong of their map, on the leaves of another frame.
+    """Return what lobes show wrong of the map of their frame, on the adaptive cells of another.
 
     Returns:
-        On the leaves [1, 3, P] and on the parts of cells [1, K, 3, C], in units of the other frame.
+        On the adaptive cells [1, 3, P] and on the parts of cells [1, K, 3, C], in units of the
+        other frame.
     """
     unit = own.exposure / frame.exposure
     there = objective.target(own.radiance * unit, wanted.corners, wanted.places)

@@ -25,7 +25,7 @@ from asglight.fitting.first_frame.fit import exposed
 from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
-from asglight.fitting.steps import light, newton
+from asglight.fitting.steps import equations, light, newton
 from asglight.images.sequence import open_sequence
 from asglight.lobes import Form, Lobes
 from asglight.threads import one_thread
@@ -96,16 +96,18 @@ def parts(reference: Tensor) -> list[Row]:
     target = objective.target(frame.radiance)
     shown = lobe_images.images(lobes, target.places)
     radiance = shown.radiance
-    misfit = objective.misfit(radiance, target)
+    loss_gradient = objective.loss_gradient(radiance, target)
     calls = {
         "images of the lobes": lambda: lobe_images.images(lobes, target.places),
         "J": lambda: objective.value(radiance, target),
-        "its slope on leaves": lambda: objective.misfit(radiance, target, target_sizes),
-        "matrix and slope": lambda: newton.normal_equations(shown, misfit, target),
+        "its slope on adaptive cells": lambda: objective.loss_gradient(
+            radiance, target, target_sizes
+        ),
+        "matrix and slope": lambda: equations.normal_equations(shown, loss_gradient, target),
         "four steps": lambda: newton.minimise(lobes, target, 4, tolerance=0.0, shown=shown),
         "light": lambda: light.solve_amplitudes(shown, target),
     }
-    target_sizes = objective.sizes(radiance, target)
+    target_sizes = objective.loss_terms(radiance, target)
     return in_turn(calls, PART_RUNS)
 
 

@@ -82,8 +82,8 @@ def look(own: Arrays, device: str) -> Arrays:
         over the cells of J's grid [3, C]; `cells`, those that are refined [R]; `irr`; `r0.5`.
     """
     from asglight.fitting.first_frame.fit import exposed
-    from asglight.fitting.loss import leaves, lobe_images, objective
-    from asglight.fitting.steps import newton
+    from asglight.fitting.loss import adaptive_cells, lobe_images, objective
+    from asglight.fitting.steps import equations
     from asglight.judging.metrics import frame_errors
     from asglight.lobes import Form, Lobes
 
@@ -96,14 +96,16 @@ def look(own: Arrays, device: str) -> Arrays:
     frame = exposed(radiance)
     if frame.exposure <= 0:
         return {}
-    places = leaves.leaves(frame.radiance)
+    places = adaptive_cells.adaptive_cells(frame.radiance)
     target = objective.target(frame.radiance, places=places)
     light = (amplitude.double() / frame.exposure).to(torch.float32)
     there = Lobes(axes[None], sharpness[None], light[None], form)
     seen = lobe_images.images(there, places)
     sharper = Lobes(axes[None], MOVED * sharpness[None], light[None], form)
     moved = lobe_images.images(sharper, places)
-    matrix, slope = newton.normal_equations(moved, objective.misfit(moved.radiance, target), target)
+    matrix, slope = equations.normal_equations(
+        moved, objective.loss_gradient(moved.radiance, target), target
+    )
     # the judge works on the processor
     errors = frame_errors(Lobes(axes, sharpness, amplitude, form).to("cpu"), radiance.cpu()).values
     found = {

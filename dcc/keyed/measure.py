@@ -98,7 +98,10 @@ class Shadows:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, write and print; return the exit status."""
-    options = _parser().parse_args(argv)
+    parser = shots.extension_parser("dcc.keyed", __doc__, "dcc-output/keyed")
+    stills = "images with a lamp: their balls, and the shadow of a post"
+    parser.add_argument("--stills", type=Path, nargs="*", default=[], metavar="IMAGE", help=stills)
+    options = parser.parse_args(argv)
     torch.set_num_threads(1)  # the renderer has the cores
     try:
         version, found, shadows = run(options)
@@ -267,21 +270,6 @@ def shadow_table(shadows: Sequence[Shadows]) -> str:
             numbers = f"{seen.direction_deg:+.2f}° | {seen.softness_deg:.2f}° | "
             lines.append(f"| {one.shot} | {name} | {numbers}{100 * seen.depth:.1f} |")
     return "\n".join(lines)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m dcc.keyed.measure", description=__doc__)
-    add = parser.add_argument
-    add("--sequences", type=Path, default=Path("../shared/sequences"), metavar="DIR")
-    stills = "images with a lamp: their balls, and the shadow of a post"
-    add("--stills", type=Path, nargs="*", default=[], metavar="IMAGE", help=stills)
-    add("--short", action="store_true", help="one frame of the built-in sky")
-    add("--size", type=int, default=16, metavar="S", help="pixels across a ball (16)")
-    add("--samples", type=int, default=1024, metavar="N", help="of a pixel and seed (1024)")
-    add("--zip", type=Path, required=True, metavar="ZIP", help="the extension")
-    add("--python", type=Path, default=renderers.PYTHON, help="an interpreter that has bpy")
-    add("-o", "--output", type=Path, default=Path("dcc-output/keyed"), metavar="DIR")
-    return parser
 
 
 if __name__ == "__main__":

@@ -73,7 +73,7 @@ class Row:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, write and print; return the exit status."""
-    options = _parser().parse_args(argv)
+    options = shots.extension_parser("dcc.moving", __doc__, "dcc-output/moving").parse_args(argv)
     torch.set_num_threads(1)  # the renderer has the cores
     try:
         found = run(options)
@@ -175,19 +175,6 @@ def table(found: Sequence[Row]) -> str:
         numbers = f"{100 * row.error:.2f} | {row.level:.4f} | {100 * row.noise:.2f}"
         lines.append(f"| {row.shot} | {row.way} | {row.time:g} | {numbers} | {verdict} |")
     return "\n".join(lines)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m dcc.moving.measure", description=__doc__)
-    add = parser.add_argument
-    add("--sequences", type=Path, default=Path("../shared/sequences"), metavar="DIR")
-    add("--short", action="store_true", help="the built-in sky only")
-    add("--size", type=int, default=16, metavar="S", help="pixels across a ball (16)")
-    add("--samples", type=int, default=1024, metavar="N", help="of a pixel and seed (1024)")
-    add("--zip", type=Path, required=True, metavar="ZIP", help="the extension")
-    add("--python", type=Path, default=renderers.PYTHON, help="an interpreter that has bpy")
-    add("-o", "--output", type=Path, default=Path("dcc-output/moving"), metavar="DIR")
-    return parser
 
 
 if __name__ == "__main__":

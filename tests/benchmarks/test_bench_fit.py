@@ -27,7 +27,7 @@ fit_measures = module("fits.measures")
 fit_tables = module("fits.tables")
 
 PICTURES = ("accuracy.png", "curves.png", "following.png")
-PAPER_STEPS, LOBES, FRAMES = 12, 4, 3
+PAPER_STEPS, LOBES, FRAMES = 12, 2, 3
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -8,7 +8,7 @@ import torch
 from bench_scripts import module
 from lobe_cases import sky_and_sun
 
-from asglight.fitting.first_frame.fit import exposed, on_fine_leaves
+from asglight.fitting.first_frame.fit import exposed, on_fine_cells
 from asglight.fitting.loss import lobe_images
 from asglight.fitting.options import FitOptions
 from asglight.images import write_exr
@@ -23,10 +23,10 @@ MAPS = [(1 + 0.5 * frame) * sky_and_sun(15.0 * frame, 32) for frame in range(3)]
 def test_the_error_of_a_frame_is_told_on_the_leaves_and_in_the_units_of_another() -> None:
     own, other = exposed(MAPS[0]), exposed(MAPS[2])
     lobes = follow(MAPS[:1], FitOptions(3))[0][0]
-    wanted = on_fine_leaves(other)
+    wanted = on_fine_cells(other)
     radiance, parts = floor._error(lobes, own, other, wanted)
     shown = lobe_images.images(lobes.to(torch.float32)[None], wanted.places).radiance
-    assert shown.shape[-1] == 32 * 64  # every leaf is a texel
+    assert shown.shape[-1] == 32 * 64  # every adaptive cell is a texel
     expected = shown - own.radiance * own.exposure
     torch.testing.assert_close(radiance * other.exposure, expected, rtol=1e-4, atol=1e-4)
     torch.testing.assert_close(parts.mean(1) * other.exposure, expected, rtol=1e-4, atol=1e-4)

@@ -19,7 +19,10 @@ KINDS = list(cases.KINDS)[:10]
 
 @lru_cache(maxsize=1)
 def ten() -> list[Any]:
-    return list(cases.cases(10, seed=7, rows=ROWS))
+    """Return the cases; shots of four frames."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cases, "FRAMES", 4)
+        return list(cases.cases(10, seed=7, rows=ROWS))
 
 
 @pytest.mark.parametrize("index", range(10), ids=KINDS)

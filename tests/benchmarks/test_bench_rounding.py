@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from bench_scripts import module
+from bench_scripts import float32_here, module
 from elsewhere import DEVICE, watched
 from lobe_cases import KNOWN, sky_and_sun
 
-from asglight.cli.sources import built_in
 from asglight.images import write_exr
 from asglight.lobes import Form, texels
+from asglight.sky import SkyConfig, radiance
 
 rounding = module("steps.rounding")
 worker = module("steps.rounding_worker")
@@ -34,12 +34,14 @@ def exponent_rounding(rows: int) -> float:
     return 6 * (rows / math.pi) ** 2 * 2**-24
 
 
-@pytest.mark.slow
-def test_float32_is_near_to_float64_on_the_built_in_environment() -> None:
-    frames = {str(frame): built_in.environment(frame) for frame in (1001, 1030)}
-    given = {name: rounding.of_map(radiance) for name, radiance in frames.items()}
+def test_float32_is_near_to_float64_on_the_built_in_environment(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    float32_here(monkeypatch)
+    rows = 48
+    frames = {str(frame): radiance(SkyConfig(), frame, rows) for frame in (1001, 1030)}
+    given = {name: rounding.of_map(each, lobes=6) for name, each in frames.items()}
     found = rounding.compared(given, "float64", "cpu")
-    rows = built_in.HEIGHT
     for figures in found.values():
         assert 0 < figures["shown"] < exponent_rounding(rows)
         # a slope is what is left of derivatives that cancel but for a twentieth or so

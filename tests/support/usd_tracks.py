@@ -2,6 +2,7 @@
 """Tracks for the tests, made with scipy rotations; and what asglight.usd wrote, read by pxr."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,11 @@ def moving(
         ),
         METADATA,
     )
+
+
+def beginning(tracks: LobeTracks, count: int) -> LobeTracks:
+    """Return the first frames of a shot."""
+    return replace(tracks, frames=tracks.frames[:count], lobes=tracks.lobes[:count])
 
 
 def of_every_kind(frames: Sequence[int], form: Form = Form.ASG) -> LobeTracks:

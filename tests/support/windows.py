@@ -16,6 +16,7 @@ from asglight.lobes import LobeTracks
 from asglight.viewer import running, window
 from asglight.viewer.io import screenshot
 from asglight.viewer.reference.images import Reference
+from asglight.viewer.state.edits.edit import scale_amplitude
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.viewer_state import ViewerState
@@ -158,3 +159,15 @@ def take_signals_back() -> None:
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     faulthandler.disable()
     faulthandler.enable(STDERR)
+
+
+def brighten(driven: Driven, lobe: int = 0) -> None:
+    """Double the light of a lobe."""
+    driven.state.history.add(scale_amplitude(lobe, None, 1.0))
+
+
+def press(test: Any, *labels: str) -> None:
+    """Click what is in the question or dialog that has the focus."""
+    for label in labels:
+        test.item_click(f"//$FOCUSED/{label}")
+        test.yield_(2)

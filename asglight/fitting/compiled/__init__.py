@@ -19,26 +19,26 @@ from torch import Tensor
 
 from asglight.c_library import LIBRARIES, X86, fingerprint
 from asglight.fitting.compiled import layout
-from asglight.fitting.compiled.layout import Leaves, Probes, Target
+from asglight.fitting.compiled.layout import Adaptive, Probes, Target
 from asglight.fitting.loss.grid import Grid
 from asglight.lobes import Form, Lobes
 
 if TYPE_CHECKING:
-    from asglight.fitting.loss import leaves as places
+    from asglight.fitting.loss import adaptive_cells as places
     from asglight.fitting.loss import objective
     from asglight.fitting.loss.lobe_images import Images
 
 NAME = LIBRARIES["fitting/compiled"]
 
 LANE = 8
-"""Of steps.h: so many leaves are taken at a time."""
+"""Of steps.h: so many adaptive cells are taken at a time."""
 
 FUNCTIONS = (
     ("asglight_images", 2, 6),
     ("asglight_slopes", 2, 8),
     ("asglight_matrix", 2, 12),
-    ("asglight_sizes", 1, 9),
-    ("asglight_misfit", 1, 11),
+    ("asglight_loss_terms", 1, 9),
+    ("asglight_loss_gradient", 1, 11),
     ("asglight_probe", 1, 3),
     ("asglight_light", 2, 8),
     ("asglight_minimise", 3, 6),
@@ -77,8 +77,8 @@ LIBRARY = load()
 """None: the steps are those of torch."""
 
 
-def serves(lobes: Lobes, places: "places.Leaves") -> bool:
-    """Tell whether images of lobes on leaves are compiled ones."""
+def serves(lobes: Lobes, places: "places.AdaptiveCells") -> bool:
+    """Tell whether images of lobes on adaptive cells are compiled ones."""
     return moves(lobes) and looks(lobes.axes, places)
 
 
@@ -89,12 +89,12 @@ def moves(lobes: Lobes) -> bool:
     )
 
 
-def looks(images: Tensor, places: "places.Leaves") -> bool:
-    """Tell whether J of images on leaves is compiled.
+def looks(images: Tensor, places: "places.AdaptiveCells") -> bool:
+    """Tell whether J of images on adaptive cells is compiled.
 
     Args:
         images: Tells where is computed, how exactly, and of how many frames.
-        places: The leaves, of as many frames or of one that all share.
+        places: The adaptive cells, of as many frames or of one that all share.
     """
     share = places.cell_share
     whole = places.count % LANE == 0 and places.texel.shape[-1] % LANE == 0
@@ -112,30 +112,30 @@ def runs_on(tensor: Tensor) -> bool:
     )
 
 
-def images(lobes: Lobes, places: Leaves, leaf_count: int) -> tuple[Tensor, Tensor, Tensor]:
+def images(lobes: Lobes, places: Adaptive, adaptive_count: int) -> tuple[Tensor, Tensor, Tensor]:
     """Return values and gaussian [F, N, P], and scale [F, N], of `lobe_images.Images`.
 
     Args:
         lobes: The lobes.  [F, N, .]
-        places: The leaves.
-        leaf_count: P.
+        places: The adaptive cells.
+        adaptive_count: P.
     """
     axes, sharpness = lobes.axes.contiguous(), lobes.sharpness.contiguous()
     frames, count = sharpness.shape[:2]
-    values, gaussian = axes.new_empty(2, frames, count, leaf_count)
+    values, gaussian = axes.new_empty(2, frames, count, adaptive_count)
     scale = axes.new_empty(frames, count)
     _call("asglight_images", frames, count, axes, sharpness, places, values, gaussian, scale)
     return values, gaussian, scale
 
 
-def slopes(lobes: Lobes, scale: Tensor, slope: Tensor, places: Leaves) -> tuple[Tensor, Tensor]:
+def slopes(lobes: Lobes, scale: Tensor, slope: Tensor, places: Adaptive) -> tuple[Tensor, Tensor]:
     """Return `lobe_images.slopes` in float64 and `lobe_images.scale_slopes`.
 
     Args:
         lobes: The lobes.  [F, N, .]
         scale: Of their images.  [F, N]
         slope: dJ / d radiance.  [F, 3, P]
-        places: The leaves.
+        places: The adaptive cells.
 
     Returns:
         [F, N, 8] and [F, N, 5].
@@ -151,20 +151,20 @@ def slopes(lobes: Lobes, scale: Tensor, slope: Tensor, places: Leaves) -> tuple[
 def matrix(
     lobes: Lobes,
     scales: tuple[Tensor, Tensor],
-    places: Leaves,
+    places: Adaptive,
     cells: Grid,
     probes: Probes,
     weights: tuple[Tensor, Tensor],
 ) -> Tensor:
-    """Return the matrix of `newton.normal_equations`.
+    """Return the matrix of `equations.normal_equations`.
 
     Args:
         lobes: The lobes.  [F, N, .]
         scales: `scale` of their images [F, N] and `scale_slopes` [F, N, 5].
-        places: The leaves.
+        places: The adaptive cells.
         cells: The grid on which the matrix is summed.
         probes: On that grid.
-        weights: Of leaves [F, P] and views [F, D], from `objective.Misfit`.
+        weights: Of adaptive cells [F, P] and views [F, D], from `objective.LossGradient`.
 
     Returns:
         H in float64.  [F, 8 N, 8 N]
@@ -180,16 +180,16 @@ def matrix(
     return found
 
 
-def sizes(
-    radiance: Tensor, places: Leaves, frame: Target, probes: Probes
+def loss_terms(
+    radiance: Tensor, places: Adaptive, frame: Target, probes: Probes
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """Return what `objective.Sizes` holds.
+    """Return what `objective.LossTerms` holds.
 
     Args:
-        radiance: Reconstructions on the leaves.  [F, 3, P]
-        places: The leaves.
+        radiance: Reconstructions on the adaptive cells.  [F, 3, P]
+        places: The adaptive cells.
         frame: The maps.
-        probes: On the leaves' grid.
+        probes: On the adaptive cells' grid.
     """
     frames, count = len(radiance), 2 * places.rows**2
     found = (
@@ -199,21 +199,21 @@ def sizes(
         radiance.new_empty(frames, 3, probes.views),
         radiance.new_empty(frames, probes.views),
     )
-    _call("asglight_sizes", frames, places, frame, probes, radiance.contiguous(), *found)
+    _call("asglight_loss_terms", frames, places, frame, probes, radiance.contiguous(), *found)
     return found
 
 
-def misfit(
-    radiance: Tensor, found: "objective.Sizes", places: Leaves, frame: Target, probes: Probes
+def loss_gradient(
+    radiance: Tensor, found: "objective.LossTerms", places: Adaptive, frame: Target, probes: Probes
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Return slope, env_weight and view_weight of `objective.Misfit`.
+    """Return slope, env_weight and view_weight of `objective.LossGradient`.
 
     Args:
-        radiance: Reconstructions on the leaves.  [F, 3, P]
+        radiance: Reconstructions on the adaptive cells.  [F, 3, P]
         found: Their sizes.
-        places: The leaves.
+        places: The adaptive cells.
         frame: The maps.
-        probes: On the leaves' grid.
+        probes: On the adaptive cells' grid.
     """
     radiance = radiance.contiguous()
     slope = torch.empty_like(radiance)
@@ -221,7 +221,7 @@ def misfit(
     view_weight = radiance.new_empty(len(radiance), probes.views)
     given = _contiguous(found.parts, found.texels, found.views, found.seen)
     _call(
-        *("asglight_misfit", len(radiance), places, frame, probes, radiance, *given),
+        *("asglight_loss_gradient", len(radiance), places, frame, probes, radiance, *given),
         *(slope, env_weight, view_weight),
     )
     return slope, env_weight, view_weight
@@ -234,14 +234,16 @@ def probe(images: Tensor, probes: Probes) -> Tensor:
     return views
 
 
-def light(shown: "Images", places: Leaves, frame: Target, probes: Probes) -> tuple[Tensor, Tensor]:
+def light(
+    shown: "Images", places: Adaptive, frame: Target, probes: Probes
+) -> tuple[Tensor, Tensor]:
     """Return `light._normal_equations`: [F, N, N] and [F, N, 3], in float64.
 
     Args:
-        shown: The lobes on the leaves.
-        places: The leaves.
+        shown: The lobes on the adaptive cells.
+        places: The adaptive cells.
         frame: The maps.
-        probes: On the leaves' grid.
+        probes: On the adaptive cells' grid.
     """
     frames, count = shown.scale.shape
     gram = shown.scale.new_empty(frames, count, count, dtype=torch.float64)
@@ -262,7 +264,7 @@ def minimise(
     """Take the steps of `newton.minimise`.
 
     Args:
-        start: The lobes on their leaves.
+        start: The lobes on their adaptive cells.
         found: Where the lobes are put after all steps, and before each call of `report`.
         damping: First damping.  [F]
         steps: Steps tried, taken or not.

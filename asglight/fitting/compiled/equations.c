@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * The Gauss-Newton matrix of J for one frame: newton.normal_equations without the gradient.
+ * The Gauss-Newton matrix of J for one frame: equations.normal_equations without the gradient.
  *
  * Columns lie [place][6][width], a lane a lobe: all lobes are drawn at once at each place, and a
  * Gram matrix is a sum of outer products of rows. It is symmetric: half of it is summed.
@@ -21,7 +21,8 @@ static inline vec twice(float x, float y) { return (vec){x, x, x, x, y, y, y, y}
 static inline half low(vec v) { return (half){v[0], v[1], v[2], v[3]}; }
 static inline half high(vec v) { return (half){v[4], v[5], v[6], v[7]}; }
 
-/* All lobes as leaves of one size see them, a lane a lobe; a HALF of them is there twice. */
+/* All lobes as adaptive cells of one size see them, a lane a lobe; a HALF of them is there twice.
+ * */
 typedef struct {
     float axes[3][3][LANE], xx[LANE], xy[LANE], yy[LANE], log_peak[LANE];
     float side_x[LANE], side_y[LANE], speed[3][LANE], log_peak_slope[3][LANE];
@@ -150,7 +151,7 @@ static void grid_columns(int64_t lobes, const float *sharpness, int width, int64
     if (any) rescale(width, count, scale, of_scale, columns);
 }
 
-/* newton._chain: from columns to unknowns; a shape unknown moves each channel by the amplitude. */
+/* equations._chain: from columns to unknowns; a shape unknown moves each channel by the amplitude. */
 static void chain(int64_t lobes, int width, const float *amplitude, const float *gram,
                   double *hessian) {
     int64_t size = UNKNOWNS * lobes;
@@ -185,12 +186,12 @@ static void sum_cells(const float *fine, int64_t fine_rows, int64_t rows, float 
 
 static void matrix(int64_t lobes, const float *axes, const float *sharpness,
                    const float *amplitude, const float *scale, const float *of_scale,
-                   const Leaves *leaves, const Probes *probes, const float *cell_places,
+                   const Adaptive *adaptive, const Probes *probes, const float *cell_places,
                    const float *cell_share, const float *env_weight, const float *view_weight,
                    double *hessian) {
     int width = width_for(lobes), wide = COLUMNS * width;
     int64_t rows = probes->rows, cells = 2 * rows * rows;
-    int64_t fine = cells_of(leaves), texels = texels_of(leaves);
+    int64_t fine = cells_of(adaptive), texels = texels_of(adaptive);
     int64_t most = cells > texels ? cells : texels;
     long seen_size = (width + LANE - 1) / LANE * sizeof(SeenLanes) / sizeof(float);
     long gram_size = (long)wide * wide, block_size = (long)BLOCK * wide;
@@ -201,7 +202,8 @@ static void matrix(int64_t lobes, const float *axes, const float *sharpness,
     float *columns = scratch(COLUMN_IMAGES, most * wide);
     memset(gram, 0, gram_size * sizeof(float));
     if (texels) {
-        draw(lobes, axes, sharpness, leaves->fine_rows, width, leaves->texel_places, texels, seen,
+        draw(lobes, axes, sharpness, adaptive->fine_rows, width, adaptive->texel_places, texels,
+             seen,
              columns);
         float *of_lanes = scales + width;
         memset(scales, 0, 2L * wide * sizeof(float));
@@ -214,7 +216,7 @@ static void matrix(int64_t lobes, const float *axes, const float *sharpness,
     }
     draw(lobes, axes, sharpness, rows, width, cell_places, cells, seen, columns);
     grid_columns(lobes, sharpness, width, cells, cell_share, columns, scales);
-    sum_cells(env_weight, leaves->rows, rows, weight);
+    sum_cells(env_weight, adaptive->rows, rows, weight);
     weighted_gram(cells, wide, weight, columns, weighted, gram);
     float *rings = scratch(RINGS_OF_COLUMNS, rings_size(probes, wide));
     probe_rings(probes, wide, columns, rings);
@@ -233,20 +235,22 @@ static void matrix(int64_t lobes, const float *axes, const float *sharpness,
 /* H [F][8 N][8 N] on the cells of a coarser grid, with its probes, and on the refined texels.
  *
  * axes [F][N][3][3], sharpness [F][N][2], amplitude [F][N][3], scale [F][N] and of_scale [F][N][5]
- * on the leaves, env_weight [F][P], view_weight [F][D]; cell_places [3][C'] and cell_share [C'] of
+ * on the adaptive cells, env_weight [F][P], view_weight [F][D]; cell_places [3][C'] and
+ * cell_share [C'] of
  * the coarser grid. */
 API void asglight_matrix(int64_t frames, int64_t lobes, const float *axes, const float *sharpness,
                          const float *amplitude, const float *scale, const float *of_scale,
-                         const Leaves *leaves, const Probes *probes, const float *cell_places,
+                         const Adaptive *adaptive, const Probes *probes, const float *cell_places,
                          const float *cell_share, const float *env_weight,
                          const float *view_weight, double *hessian) {
-    int64_t leaf_count = cells_of(leaves) + texels_of(leaves);
+    int64_t adaptive_count = cells_of(adaptive) + texels_of(adaptive);
     int64_t size = UNKNOWNS * UNKNOWNS * lobes * lobes;
     for (int64_t f = 0; f < frames; f++) {
-        Leaves own = leaves_of(leaves, f);
+        Adaptive own = adaptive_of(adaptive, f);
         int64_t first = f * lobes;
         matrix(lobes, axes + 9 * first, sharpness + 2 * first, amplitude + 3 * first, scale + first,
                of_scale + 5 * first, &own, probes, cell_places, cell_share,
-               env_weight + f * leaf_count, view_weight + f * probes->views, hessian + f * size);
+               env_weight + f * adaptive_count, view_weight + f * probes->views,
+                       hessian + f * size);
     }
 }

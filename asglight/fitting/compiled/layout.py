@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Leaves, probes and J laid out as the structures of steps.h."""
+"""Adaptive cells, probes and J laid out as the structures of steps.h."""
 
 from collections.abc import Sequence
 from ctypes import Structure, addressof, c_double, c_float, c_int64, c_void_p
@@ -13,7 +13,7 @@ from asglight.fitting.loss.grid import Grid
 from asglight.lobes import Form, asg
 
 if TYPE_CHECKING:
-    from asglight.fitting.loss import leaves as places
+    from asglight.fitting.loss import adaptive_cells as places
     from asglight.fitting.loss import lobe_images, objective
     from asglight.fitting.steps import newton
 
@@ -29,8 +29,8 @@ def _numbers(*names: str) -> tuple[tuple[str, Any], ...]:
     return tuple((name, c_int64) for name in names)
 
 
-class Leaves(Structure):
-    """Leaves of frames; `leaves` makes one."""
+class Adaptive(Structure):
+    """Adaptive cells of frames; `adaptive_cells` makes one."""
 
     _fields_ = (
         *_numbers("rows", "fine_rows", "refined_count"),
@@ -76,7 +76,7 @@ class Prior(Structure):
 
 
 class Lit(Structure):
-    """Lobes of frames on their leaves; `lit` makes one."""
+    """Lobes of frames on their adaptive cells; `lit` makes one."""
 
     _fields_ = _pointers("axes", "sharpness", "amplitude", "values", "gaussian", "scale")
     held: tuple[Tensor, ...]
@@ -87,7 +87,7 @@ class Steps(Structure):
     """What the steps of one call have in common; `steps` makes one."""
 
     _fields_ = (
-        *_pointers("leaves", "target", "probes", "cell_probes", "cell_places", "cell_share"),
+        *_pointers("adaptive", "target", "probes", "cell_probes", "cell_places", "cell_share"),
         *_pointers("still"),
         ("bounds", c_float * 5),
         ("priors", Prior * PRIORS_MAX),
@@ -151,8 +151,8 @@ def _halved(waves: Tensor, count: int) -> list[Tensor]:
     return [half[0::2].contiguous(), half[1::2].contiguous()]
 
 
-def leaves(places: "places.Leaves") -> Leaves:
-    """Lay out the leaves of frames."""
+def adaptive_cells(places: "places.AdaptiveCells") -> Adaptive:
+    """Lay out the adaptive cells of frames."""
     cells = places.cells
     shared = (
         cells.monomials[1:4],
@@ -163,7 +163,7 @@ def leaves(places: "places.Leaves") -> Leaves:
         places.monomials[:, 1:4],
         *(places.cell_share, places.texel_share, places.refined, places.around),
     )
-    found = Leaves(
+    found = Adaptive(
         *(places.rows, places.fine_rows, places.refined.shape[-1]),
         *(each.data_ptr() for each in (*shared, *own)),
         _next(own),
@@ -214,7 +214,7 @@ def steps(
     Args:
         given: The same for newton.py.
         cells: The grid on which the matrix is summed.
-        probes: On the leaves' grid and on that one.
+        probes: On the adaptive cells' grid and on that one.
         damping: Its factors after a step that failed and one that did not, its least and largest.
         counts: F and N.
     """
@@ -227,7 +227,7 @@ def steps(
 
     found = Steps(prior_count=len(given.priors), temporal_corner=temporal.CORNER)
     own = frame.places.compiled, frame.compiled
-    found.leaves, found.target = map(addressof, own)
+    found.adaptive, found.target = map(addressof, own)
     found.probes, found.cell_probes = map(addressof, probes)
     found.cell_places, found.cell_share = cells.monomials[1:4].data_ptr(), cells.share.data_ptr()
     found.bounds = _bounds(given.width_min)
@@ -252,7 +252,7 @@ def _bounds(width_min: float) -> Any:
 
 
 def lit(shown: "lobe_images.Images") -> Lit:
-    """Lay out lobes on their leaves."""
+    """Lay out lobes on their adaptive cells."""
     lobes = shown.lobes
     own = (lobes.axes, lobes.sharpness, lobes.amplitude, shown.values, shown.gaussian, shown.scale)
     own = tuple(each.contiguous() for each in own)

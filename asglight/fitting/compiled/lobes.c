@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * Lobes on leaves: asglight/fitting/footprints.py and lobe_images.py for the form asg.
+ * Lobes on adaptive cells: asglight/fitting/footprints.py and lobe_images.py for the form asg.
  *
- * A leaf's direction is taken apart along the lobe's axes before it is squared: a lobe of sharpness
+ * An adaptive cell's direction is taken apart along the lobe's axes before it is squared: a lobe
+ * of sharpness
  * 40,000 keeps 1e-5 of its value so, where monomials of direction, as a matrix product needs
  * them, keep 2e-3.
  */
@@ -88,31 +89,33 @@ static inline Looked look(const Seen *seen, vec x, vec y, vec z) {
     return at;
 }
 
-/* Leaves of one size: count a multiple of LANE. */
+/* Adaptive cells of one size: count a multiple of LANE. */
 typedef struct {
     const float *places, *share;
     int64_t count, rows, first;
 } Level;
 
-static int levels_of(const Leaves *leaves, Level levels[2]) {
-    int64_t cells = cells_of(leaves), texels = texels_of(leaves);
-    levels[0] = (Level){leaves->cell_places, leaves->cell_share, cells, leaves->rows, 0};
-    levels[1] = (Level){leaves->texel_places, leaves->texel_share, texels, leaves->fine_rows, cells};
+static int levels_of(const Adaptive *adaptive, Level levels[2]) {
+    int64_t cells = cells_of(adaptive), texels = texels_of(adaptive);
+    levels[0] = (Level){adaptive->cell_places, adaptive->cell_share, cells, adaptive->rows, 0};
+    levels[1] = (Level){adaptive->texel_places, adaptive->texel_share, texels,
+            adaptive->fine_rows, cells};
     return texels ? 2 : 1;
 }
 
-static void images(int64_t lobes, const float *axes, const float *sharpness, const Leaves *leaves,
+static void images(int64_t lobes, const float *axes, const float *sharpness,
+                   const Adaptive *adaptive,
                    float *values, float *gaussian, float *scale) {
     Level levels[2];
-    int count = levels_of(leaves, levels);
-    int64_t leaf_count = levels[count - 1].first + levels[count - 1].count;
+    int count = levels_of(adaptive, levels);
+    int64_t adaptive_count = levels[count - 1].first + levels[count - 1].count;
     for (int64_t lobe = 0; lobe < lobes; lobe++) {
         double mean = 0;
         for (int index = 0; index < count; index++) {
             Level own = levels[index];
             Seen seen = seen_by(axes + 9 * lobe, sharpness + 2 * lobe, own.rows);
-            float *value = values + lobe * leaf_count + own.first;
-            float *over_z = gaussian + lobe * leaf_count + own.first;
+            float *value = values + lobe * adaptive_count + own.first;
+            float *over_z = gaussian + lobe * adaptive_count + own.first;
             const float *x = own.places, *y = x + own.count, *z = y + own.count;
             vec total = splat(0.0f);
             for (int64_t p = 0; p < own.count; p += LANE) {
@@ -136,34 +139,34 @@ static void images(int64_t lobes, const float *axes, const float *sharpness, con
 /* lobe_images.images: axes [F][N][3][3], sharpness [F][N][2]; values and gaussian [F][N][P], scale
  * [F][N]. */
 API void asglight_images(int64_t frames, int64_t lobes, const float *axes, const float *sharpness,
-                         const Leaves *leaves, float *values, float *gaussian, float *scale) {
-    int64_t size = lobes * (cells_of(leaves) + texels_of(leaves));
+                         const Adaptive *adaptive, float *values, float *gaussian, float *scale) {
+    int64_t size = lobes * (cells_of(adaptive) + texels_of(adaptive));
     for (int64_t f = 0; f < frames; f++) {
-        Leaves own = leaves_of(leaves, f);
+        Adaptive own = adaptive_of(adaptive, f);
         images(lobes, axes + 9 * f * lobes, sharpness + 2 * f * lobes, &own, values + f * size,
                gaussian + f * size, scale + f * lobes);
     }
 }
 
 /* Images.radiance of one frame: what all lobes send together, [3][P]. */
-void add_up(int64_t lobes, int64_t leaf_count, const float *amplitude, const float *values,
+void add_up(int64_t lobes, int64_t adaptive_count, const float *amplitude, const float *values,
             const float *scale, float *radiance) {
-    for (int64_t p = 0; p < leaf_count; p += LANE) {
+    for (int64_t p = 0; p < adaptive_count; p += LANE) {
         vec total[3] = {splat(0.0f), splat(0.0f), splat(0.0f)};
         for (int64_t i = 0; i < lobes; i++) {
-            vec own = load(values + i * leaf_count + p);
+            vec own = load(values + i * adaptive_count + p);
             for (int c = 0; c < 3; c++) total[c] += own * (amplitude[3 * i + c] * scale[i]);
         }
-        for (int c = 0; c < 3; c++) store(radiance + c * leaf_count + p, total[c]);
+        for (int c = 0; c < 3; c++) store(radiance + c * adaptive_count + p, total[c]);
     }
 }
 
 static void slopes(int64_t lobes, const float *axes, const float *sharpness,
-                   const float *amplitude, const float *scale, const Leaves *leaves,
+                   const float *amplitude, const float *scale, const Adaptive *adaptive,
                    const float *slope, float *of_scale, double *found) {
     Level levels[2];
-    int count = levels_of(leaves, levels);
-    int64_t leaf_count = levels[count - 1].first + levels[count - 1].count;
+    int count = levels_of(adaptive, levels);
+    int64_t adaptive_count = levels[count - 1].first + levels[count - 1].count;
     for (int64_t lobe = 0; lobe < lobes; lobe++) {
         const float *light = amplitude + 3 * lobe;
         float sent[3] = {light[0] * scale[lobe], light[1] * scale[lobe], light[2] * scale[lobe]};
@@ -172,8 +175,8 @@ static void slopes(int64_t lobes, const float *axes, const float *sharpness,
             Level own = levels[index];
             Seen seen = seen_by(axes + 9 * lobe, sharpness + 2 * lobe, own.rows);
             const float *x = own.places, *y = x + own.count, *z = y + own.count;
-            const float *red = slope + own.first, *green = red + leaf_count;
-            const float *blue = green + leaf_count;
+            const float *red = slope + own.first, *green = red + adaptive_count;
+            const float *blue = green + adaptive_count;
             vec sums[14];
             for (int k = 0; k < 14; k++) sums[k] = splat(0.0f);
             for (int64_t p = 0; p < own.count; p += LANE) {
@@ -215,11 +218,11 @@ static void slopes(int64_t lobes, const float *axes, const float *sharpness,
 /* lobe_images.scale_slopes and slopes: amplitude [F][N][3], scale [F][N], slope [F][3][P]; of_scale
  * [F][N][5], found [F][N][8]. */
 API void asglight_slopes(int64_t frames, int64_t lobes, const float *axes, const float *sharpness,
-                         const float *amplitude, const float *scale, const Leaves *leaves,
+                         const float *amplitude, const float *scale, const Adaptive *adaptive,
                          const float *slope, float *of_scale, double *found) {
-    int64_t size = 3 * (cells_of(leaves) + texels_of(leaves));
+    int64_t size = 3 * (cells_of(adaptive) + texels_of(adaptive));
     for (int64_t f = 0; f < frames; f++) {
-        Leaves own = leaves_of(leaves, f);
+        Adaptive own = adaptive_of(adaptive, f);
         int64_t first = f * lobes;
         slopes(lobes, axes + 9 * first, sharpness + 2 * first, amplitude + 3 * first, scale + first,
                &own, slope + f * size, of_scale + 5 * first, found + 8 * first);

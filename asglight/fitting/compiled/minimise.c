@@ -9,7 +9,8 @@
 
 enum { UNKNOWNS = 8 };
 
-/* newton._State of one frame: lobe_images.Images, objective.Sizes, and J with the temporal terms. */
+/* newton._State of one frame: lobe_images.Images, objective.LossTerms, and J with the temporal
+ * terms. */
 typedef struct {
     float *axes, *sharpness, *amplitude, *values, *gaussian, *scale;
     float *radiance, *parts, *texels, *views, *seen;
@@ -22,12 +23,12 @@ typedef struct {
     State kept, spare; /* their memory; the first `now` has that of the caller */
     double *hessian, *gradient;
     int known; /* whether these are of `now` */
-    Leaves leaves;
+    Adaptive adaptive;
     Target target;
 } Frame;
 
 typedef struct {
-    int64_t lobes, cells, leaves, texels, views, parts;
+    int64_t lobes, cells, adaptive, texels, views, parts;
 } Counts;
 
 /* All that is needed in a step, and not after it. */
@@ -57,7 +58,7 @@ static double *take_doubles(double **from, int64_t count) {
     return found;
 }
 
-static int64_t images_size(Counts counts) { return counts.lobes * counts.leaves; }
+static int64_t images_size(Counts counts) { return counts.lobes * counts.adaptive; }
 
 /* Where the lobes of a frame and their images lie in tensors of all frames. */
 static State at_frame(Lit lit, Counts counts, int64_t frame) {
@@ -95,9 +96,10 @@ static float temporal_term(const State *state, const Prior *prior, float corner,
 /* newton._judged, of lobes whose images are known. */
 static void judge(State *state, const Frame *own, const Steps *given, Counts counts, int64_t frame,
                   Work work) {
-    add_up(counts.lobes, counts.leaves, state->amplitude, state->values, state->scale,
+    add_up(counts.lobes, counts.adaptive, state->amplitude, state->values, state->scale,
            state->radiance);
-    asglight_sizes(1, &own->leaves, &own->target, given->probes, state->radiance, &state->value,
+    asglight_loss_terms(1, &own->adaptive, &own->target, given->probes, state->radiance,
+                        &state->value,
                    state->parts, state->texels, state->views, state->seen);
     for (int64_t k = 0; k < given->prior_count; k++)
         state->value += temporal_term(state, given->priors + k, given->temporal_corner,
@@ -108,13 +110,14 @@ static void judge(State *state, const Frame *own, const Steps *given, Counts cou
 static void set_up(const Frame *own, const Steps *given, Counts counts, int64_t frame, Work work) {
     const State *now = &own->now;
     int64_t size = UNKNOWNS * counts.lobes;
-    asglight_misfit(1, &own->leaves, &own->target, given->probes, now->radiance, now->parts,
+    asglight_loss_gradient(1, &own->adaptive, &own->target, given->probes, now->radiance,
+                           now->parts,
                     now->texels, now->views, now->seen, work.slope, work.env_weight,
                     work.view_weight);
     asglight_slopes(1, counts.lobes, now->axes, now->sharpness, now->amplitude, now->scale,
-                    &own->leaves, work.slope, work.of_scale, own->gradient);
+                    &own->adaptive, work.slope, work.of_scale, own->gradient);
     asglight_matrix(1, counts.lobes, now->axes, now->sharpness, now->amplitude, now->scale,
-                    work.of_scale, &own->leaves, given->cell_probes, given->cell_places,
+                    work.of_scale, &own->adaptive, given->cell_probes, given->cell_places,
                     given->cell_share, work.env_weight, work.view_weight, own->hessian);
     for (int64_t k = 0; k < given->prior_count; k++) {
         temporal_term(now, given->priors + k, given->temporal_corner, counts.lobes, frame, work);
@@ -134,7 +137,7 @@ static void try_step(Frame *own, const Steps *given, Counts counts, int64_t fram
                    damping, given->still ? given->still + first : 0, given->bounds + 3, work.step);
     asglight_advance(counts.lobes, now->axes, now->sharpness, now->amplitude, work.step,
                      given->bounds, tried->axes, tried->sharpness, tried->amplitude);
-    asglight_images(1, counts.lobes, tried->axes, tried->sharpness, &own->leaves, tried->values,
+    asglight_images(1, counts.lobes, tried->axes, tried->sharpness, &own->adaptive, tried->values,
                     tried->gaussian, tried->scale);
     judge(tried, own, given, counts, frame, work);
 }
@@ -151,7 +154,7 @@ static void hand_over(const Frame *own, Counts counts) {
 }
 
 static void lay_sizes(State *state, Counts counts, float **memory) {
-    state->radiance = take(memory, 3 * counts.leaves);
+    state->radiance = take(memory, 3 * counts.adaptive);
     state->parts = take(memory, counts.parts * counts.cells);
     state->texels = take(memory, counts.texels);
     state->views = take(memory, 3 * counts.views);
@@ -169,7 +172,7 @@ static void lay_images(State *state, Counts counts, float **memory) {
 
 /* Floats that `lay_sizes`, `lay_images` and `Work` take, at most. */
 static int64_t sizes_size(Counts counts) {
-    return 3 * counts.leaves + counts.parts * counts.cells + counts.texels + 4 * counts.views +
+    return 3 * counts.adaptive + counts.parts * counts.cells + counts.texels + 4 * counts.views +
            5 * LANE;
 }
 
@@ -178,7 +181,7 @@ static int64_t state_size(Counts counts) {
 }
 
 static int64_t work_size(Counts counts) {
-    return 4 * counts.leaves + counts.views + 5 * counts.lobes + 4 * LANE;
+    return 4 * counts.adaptive + counts.views + 5 * counts.lobes + 4 * LANE;
 }
 
 /* newton.minimise: `given` lobes [F][N] and their images, damping [F] and `found` as `given`, value
@@ -187,10 +190,10 @@ static int64_t work_size(Counts counts) {
 API void asglight_minimise(int64_t frames, int64_t lobes, int64_t steps, const Steps *given,
                            const Lit *start, const Lit *found, double *damping, float *value,
                            int (*report)(void)) {
-    const Leaves *leaves = given->leaves;
-    Counts counts = {lobes, cells_of(leaves), 0, texels_of(leaves), given->probes->views,
+    const Adaptive *adaptive = given->adaptive;
+    Counts counts = {lobes, cells_of(adaptive), 0, texels_of(adaptive), given->probes->views,
                      given->target->part_count};
-    counts.leaves = counts.cells + counts.texels;
+    counts.adaptive = counts.cells + counts.texels;
     int64_t size = UNKNOWNS * lobes;
     int64_t frame_size = (sizeof(Frame) + sizeof(float) - 1) / sizeof(float) + LANE;
     int64_t memory_size = frames * (state_size(counts) + frame_size) + work_size(counts);
@@ -199,13 +202,13 @@ API void asglight_minimise(int64_t frames, int64_t lobes, int64_t steps, const S
     float *equations = room(EQUATIONS, doubles_size, !!report);
     double *doubles = (double *)equations;
     Frame *all = (Frame *)take(&memory, frames * frame_size);
-    Work work = {take(&memory, 3 * counts.leaves), take(&memory, counts.leaves),
+    Work work = {take(&memory, 3 * counts.adaptive), take(&memory, counts.adaptive),
                  take(&memory, counts.views), take(&memory, 5 * lobes),
                  take_doubles(&doubles, size), take_doubles(&doubles, size),
                  take_doubles(&doubles, size)};
     for (int64_t f = 0; f < frames; f++) {
         Frame *own = all + f;
-        *own = (Frame){.leaves = leaves_of(leaves, f), .target = target_of(given->target, f)};
+        *own = (Frame){.adaptive = adaptive_of(adaptive, f), .target = target_of(given->target, f)};
         own->kept = at_frame(*found, counts, f);
         lay_sizes(&own->kept, counts, &memory);
         lay_images(&own->spare, counts, &memory);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * What a step does to the lobes: newton._solve, coordinates.advance and temporal.py, for lobes of
+ * What a step does to the lobes: equations.solve, coordinates.advance and temporal.py, for lobes of
  * the form asg. In double, for there is little of it.
  */
 #include "steps.h"
@@ -60,7 +60,7 @@ static int solve_definite(int n, double *a, double *b) {
     return 1;
 }
 
-/* newton._solve: hessian [F][8 N][8 N], gradient [F][8 N], damping [F], still [F][N] or null; step
+/* equations.solve: hessian [F][8 N][8 N], gradient [F][8 N], damping [F], still [F][N] or null; step
  * [F][N][8]. Of lobes as broad as they may be, `least`, and of black ones, what would go further
  * stays. */
 API void asglight_solve(int64_t frames, int64_t lobes, const double *hessian,

@@ -4,10 +4,12 @@
  * in float32 for lobes of the form asg. Names are those of the Python functions, which say what is
  * computed and why, and which the tests hold these against.
  *
- * Images on leaves are [channel][leaf] as in Python. Inside, whatever a filter or a Gram matrix
+ * Images on adaptive cells are [channel][adaptive cell] as in Python. Inside, whatever a filter
+ * or a Gram matrix
  * reads is [place][lane]: lanes are channels or columns, as many as fill whole vectors.
  *
- * Letters: F frames, N lobes, C cells, R refined cells, Q their texels, P = C + Q leaves, D views.
+ * Letters: F frames, N lobes, C cells, R refined cells, Q their texels, P = C + Q adaptive cells,
+ * D views.
  */
 #ifndef ASGLIGHT_STEPS_H
 #define ASGLIGHT_STEPS_H
@@ -57,7 +59,8 @@ static inline vec exp_vec(vec x) {
     return p * (vec)power;
 }
 
-/* How leaves of one size see a lobe (asglight/fitting/footprints.py), in the lobe's frame. */
+/* How adaptive cells of one size see a lobe (asglight/fitting/footprints.py), in the lobe's
+ * frame. */
 typedef struct {
     float axes[3][3];                  /* rows x, y, z */
     float xx, xy, yy, log_peak;        /* S', log c */
@@ -65,7 +68,8 @@ typedef struct {
     float speed[3], log_peak_slope[3]; /* along two widths and the turn */
 } Seen;
 
-/* The leaves of frames. What a frame has for itself lies `..._next` further on for the next one, 0
+/* The adaptive cells of frames. What a frame has for itself lies `..._next` further on for the
+ * next one, 0
  * where frames share it. */
 typedef struct {
     int64_t rows, fine_rows, refined_count;
@@ -78,21 +82,21 @@ typedef struct {
     const int64_t *refined;    /* [R] */
     const int64_t *around;     /* [25 R] */
     int64_t texel_places_next, cell_share_next, texel_share_next, refined_next, around_next;
-} Leaves;
+} Adaptive;
 
-static inline int64_t cells_of(const Leaves *leaves) { return 2 * leaves->rows * leaves->rows; }
+static inline int64_t cells_of(const Adaptive *adaptive) { return 2 * adaptive->rows * adaptive->rows; }
 
-static inline int64_t texels_per_cell(const Leaves *leaves) {
-    int64_t factor = leaves->fine_rows / leaves->rows;
+static inline int64_t texels_per_cell(const Adaptive *adaptive) {
+    int64_t factor = adaptive->fine_rows / adaptive->rows;
     return factor * factor;
 }
 
-static inline int64_t texels_of(const Leaves *leaves) {
-    return leaves->refined_count * texels_per_cell(leaves);
+static inline int64_t texels_of(const Adaptive *adaptive) {
+    return adaptive->refined_count * texels_per_cell(adaptive);
 }
 
-static inline Leaves leaves_of(const Leaves *all, int64_t frame) {
-    Leaves own = *all;
+static inline Adaptive adaptive_of(const Adaptive *all, int64_t frame) {
+    Adaptive own = *all;
     own.texel_places += frame * all->texel_places_next;
     own.cell_share += frame * all->cell_share_next;
     own.texel_share += frame * all->texel_share_next;
@@ -115,7 +119,7 @@ typedef struct {
     const float *view_sine[SOURCES_MAX];
 } Probes;
 
-/* J of frames (asglight/fitting/objective.py), laid out as `Leaves`. */
+/* J of frames (asglight/fitting/objective.py), laid out as `Adaptive cells`. */
 typedef struct {
     const float *radiance;     /* [3][P] */
     const float *parts;        /* [K][3][C] */
@@ -143,7 +147,8 @@ typedef struct {
     const float *axes, *sharpness, *amplitude, *share, *scale;
 } Prior;
 
-/* Lobes of frames on their leaves (asglight/fitting/lobe_images.py): axes [F][N][3][3], sharpness
+/* Lobes of frames on their adaptive cells (asglight/fitting/lobe_images.py): axes [F][N][3][3],
+ * sharpness
  * [F][N][2], amplitude [F][N][3]; values and gaussian [F][N][P], scale [F][N]. */
 typedef struct {
     float *axes, *sharpness, *amplitude, *values, *gaussian, *scale;
@@ -154,7 +159,7 @@ typedef struct {
 /* What the steps of one call have in common (newton.Setting): the matrix is summed on `cell_...`,
  * a coarser grid. */
 typedef struct {
-    const Leaves *leaves;
+    const Adaptive *adaptive;
     const Target *target;
     const Probes *probes, *cell_probes;
     const float *cell_places, *cell_share;
@@ -190,20 +195,21 @@ float scale_of(const float *sharpness, double mean);
 void scale_slopes(const float *sharpness, float scale, const double change[5], float slopes[5]);
 
 API void asglight_images(int64_t frames, int64_t lobes, const float *axes, const float *sharpness,
-                         const Leaves *leaves, float *values, float *gaussian, float *scale);
-void add_up(int64_t lobes, int64_t leaf_count, const float *amplitude, const float *values,
+                         const Adaptive *adaptive, float *values, float *gaussian, float *scale);
+void add_up(int64_t lobes, int64_t adaptive_count, const float *amplitude, const float *values,
             const float *scale, float *radiance);
 API void asglight_slopes(int64_t frames, int64_t lobes, const float *axes, const float *sharpness,
-                         const float *amplitude, const float *scale, const Leaves *leaves,
+                         const float *amplitude, const float *scale, const Adaptive *adaptive,
                          const float *slope, float *of_scale, double *found);
 
 /* objective.c */
-void lobes_to_cells(const Leaves *leaves, int64_t lobes, const float *scale, const float *images,
+void lobes_to_cells(const Adaptive *adaptive, int64_t lobes, const float *scale,
+                    const float *images,
                     float *cells, int lanes);
-API void asglight_sizes(int64_t frames, const Leaves *leaves, const Target *target,
+API void asglight_loss_terms(int64_t frames, const Adaptive *adaptive, const Target *target,
                         const Probes *probes, const float *radiance, float *value, float *parts,
                         float *texels, float *views, float *seen);
-API void asglight_misfit(int64_t frames, const Leaves *leaves, const Target *target,
+API void asglight_loss_gradient(int64_t frames, const Adaptive *adaptive, const Target *target,
                          const Probes *probes, const float *radiance, const float *parts,
                          const float *texels, const float *views, const float *seen, float *slope,
                          float *env_weight, float *view_weight);
@@ -211,7 +217,7 @@ API void asglight_misfit(int64_t frames, const Leaves *leaves, const Target *tar
 /* equations.c */
 API void asglight_matrix(int64_t frames, int64_t lobes, const float *axes, const float *sharpness,
                          const float *amplitude, const float *scale, const float *of_scale,
-                         const Leaves *leaves, const Probes *probes, const float *cell_places,
+                         const Adaptive *adaptive, const Probes *probes, const float *cell_places,
                          const float *cell_share, const float *env_weight,
                          const float *view_weight, double *hessian);
 

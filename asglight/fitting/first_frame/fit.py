@@ -10,7 +10,7 @@ from torch import Tensor
 
 from asglight.fitting.first_frame import flat_tops, multi_start, reweighting, seeding
 from asglight.fitting.first_frame.split_merge import split_and_merge
-from asglight.fitting.loss import leaves, objective
+from asglight.fitting.loss import adaptive_cells, objective
 from asglight.fitting.loss.grid import grid
 from asglight.fitting.loss.objective import Corners
 from asglight.fitting.steps import light, newton
@@ -61,7 +61,7 @@ class FirstFrameSettings:
         levels: What is done with each, one level after the other.
         left: Shares of the errors of an even mixture that a fit is to leave; errors that lag
             behind are brought forward (reweighting.py).
-        finishing: Steps after the levels, on more leaves.
+        finishing: Steps after the levels, on more adaptive cells.
         again: Starts that go once more where what materials show lags behind (multi_start.py).
         several_max: Lobes up to which all starts are followed; of more, only the first is: with 120
             on two maps the end of `FAST`'s second has a J larger by a sixth.
@@ -125,13 +125,14 @@ BEST = FirstFrameSettings(
 )
 """Rounds in which every split can be tried; over ten maps J still falls by 2 % after 12 of them, in
 one fit by a fifth. Aims are 4 % below what `best` is to keep to on every map, 0.85, 0.33, 0.33, 0.4
-and 0.7, for leaves tell errors to a few percent. Each gives way until all lag alike, so an aim with
-less room than others is missed first: with 2 % for env, that of a room with two lamps was."""
+and 0.7, for adaptive cells tell errors to a few percent. Each gives way until all lag alike, so an
+aim with less room than others is missed first: with 2 % for env, that of a room with two lamps
+was."""
 
 FINE_ROWS, FINE_REFINED = 128, 256
-"""Of the leaves of the last steps. After splits a lobe may have become a streak so thin that the
-usual ones see it between their centres: on one map a twentieth of the light was in one, and J 8 %
-larger than they showed."""
+"""Of the adaptive cells of the last steps. After splits a lobe may have become a streak so thin
+that the usual ones see it between their centres: on one map a twentieth of the light was in one,
+and J 8 % larger than they showed."""
 
 ROWS_MIN = 16
 """Of the grid that a map is fitted on. Lobes are seen at the centres of cells, which tells little
@@ -217,7 +218,7 @@ def fit_first_frame(
         return FrameFit(dark_lobes(count, first, reference), 0.0, 0.0)
     cells = seeding.cells(reference / frame.exposure)
     whole, coarse = objective.target(frame.radiance), objective.trial_target(frame.radiance)
-    last = on_fine_leaves(frame)
+    last = on_fine_cells(frame)
     width_min = narrowest(frame.height)
 
     def finish(seed: Lobes, weights: Tensor | None, report: newton.OnStep | None) -> newton.Outcome:
@@ -231,7 +232,7 @@ def fit_first_frame(
         )
 
     def aim() -> Tensor:
-        """Return what errors are to come to on the last leaves."""
+        """Return what errors are to come to on the last adaptive cells."""
         return reweighting.aims(
             seeding.seed_lobes(cells, count, Form.SG, None), last, settings.left
         )
@@ -251,9 +252,9 @@ def fit_first_frame(
     return with_flux_of(light.with_amplitudes(found, last).lobes[0], frame, float(found.value))
 
 
-def on_fine_leaves(frame: Exposed) -> objective.Target:
-    """Return a map on the leaves of the last steps, under the last corners."""
-    places = leaves.leaves(frame.radiance, FINE_ROWS, FINE_REFINED)
+def on_fine_cells(frame: Exposed) -> objective.Target:
+    """Return a map on the adaptive cells of the last steps, under the last corners."""
+    places = adaptive_cells.adaptive_cells(frame.radiance, FINE_ROWS, FINE_REFINED)
     return objective.target(frame.radiance, LAST.corners, places)
 
 
@@ -271,7 +272,7 @@ def descend(
     Args:
         start: Where to start.  [F, N, .]
         frame: The maps; each level brings its own corners.
-        coarse: The same on few leaves.
+        coarse: The same on few adaptive cells.
         levels: What is done.
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes after each step, and each round of splits that is kept.

@@ -20,7 +20,7 @@ from asglight.threads import side_by_side
 
 Finish = Callable[[Lobes, Tensor | None, newton.OnStep | None], newton.Outcome]
 """Follows a start [N, .] to its end; with factors of J's weights [5], if they are given. The end is
-on the leaves on which ends are compared."""
+on the adaptive cells on which ends are compared."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def best_end(
     Args:
         seeds: Starts, one or more, made as they are asked for.  [N, .] each
         finish: Follows one.
-        frame: The map on the leaves on which ends are compared.
+        frame: The map on the adaptive cells on which ends are compared.
         aim: What errors are to come to there.
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes of the first start, perhaps on another thread.
@@ -143,5 +143,5 @@ def lit_wrong_of_each(found: newton.Outcome, frame: objective.Target) -> Tensor:
         frame: The maps, with J's own weights.
     """
     sharp = replace(frame, corners=light.CORNERS)
-    seen = objective.sizes(light.with_amplitudes(found, frame).radiance, sharp).seen
+    seen = objective.loss_terms(light.with_amplitudes(found, frame).radiance, sharp).seen
     return objective.of_materials(seen, sharp)

@@ -16,7 +16,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting.loss import leaves, lobe_images, objective
+from asglight.fitting.loss import adaptive_cells, lobe_images, objective
 from asglight.fitting.loss.objective import Target
 from asglight.fitting.loss.probes import probe, shares, split
 from asglight.fitting.steps import light, newton
@@ -43,10 +43,10 @@ which lamps get the lobes changes only where weights change by much."""
 def errors(radiance: Tensor, frame: Target) -> Tensor:
     """Return the errors of a reconstruction as asglight.judging defines them, in their order.
 
-    They are taken on the leaves and at the probes' views.
+    They are taken on the adaptive cells and at the probes' views.
 
     Args:
-        radiance: On the leaves.  [F, 3, P]
+        radiance: On the adaptive cells.  [F, 3, P]
         frame: The maps.
 
     Returns:
@@ -57,7 +57,9 @@ def errors(radiance: Tensor, frame: Target) -> Tensor:
     texels = (radiance - frame.radiance)[..., places.count :].abs().sum(1)
     sent = (places.share * frame.radiance.sum(1)).sum(-1)
     env = (places.cell_share * cells).sum(-1) + (places.texel_share * texels).sum(-1)
-    views = [probe(leaves.to_cells(each, places), rows) for each in (frame.radiance, radiance)]
+    views = [
+        probe(adaptive_cells.to_cells(each, places), rows) for each in (frame.radiance, radiance)
+    ]
     share = split(shares(rows, str(radiance.device)), rows)
     found = [env / sent]
     for own, wanted, shown in zip(

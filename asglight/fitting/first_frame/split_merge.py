@@ -3,8 +3,8 @@
 
 Steps go downhill, so a fit keeps the share of lobes that its start gave to each lamp. A trial takes
 away a lobe whose loss would cost little and halves one that much of J lies on, in the spirit
-of split-and-merge EM [Ueda et al. 2000]. Trials compete on few leaves; the winner takes some steps
-on all of them, and is kept if J is lower then.
+of split-and-merge EM [Ueda et al. 2000]. Trials compete on few adaptive cells; the winner takes
+some steps on all of them, and is kept if J is lower then.
 
 What a lobe's absence costs, with all others free to make up for it, is read off the Gauss-Newton
 matrix: for its amplitudes a, a^T [(H^-1)_aa]^-1 a / 2 [Hassibi and Stork 1993]. So is the step by
@@ -24,7 +24,7 @@ from torch import Tensor
 
 from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.loss.coordinates import BROAD, UNKNOWNS, advance
-from asglight.fitting.steps import neighbours, newton
+from asglight.fitting.steps import equations, neighbours, newton
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import orthonormal
@@ -39,10 +39,11 @@ SETTLING_STEPS = 4
 """Steps before the first round: under the same corners as before, but every step counts."""
 
 TRIAL_STEPS = 6
-"""Steps of a trial on few leaves: with 4 J ends 1 % higher, with 8 no lower."""
+"""Steps of a trial on few adaptive cells: with 4 J ends 1 % higher, with 8 no lower."""
 
 STEPS = 8
-"""Steps of a winner on all leaves: four trials of 12 there end no better, for thrice the time."""
+"""Steps of a winner on all adaptive cells: four trials of 12 there end no better, for thrice the
+time."""
 
 TRIALS = 4
 """Splits that compete in a round."""
@@ -90,7 +91,7 @@ def split_and_merge(
     Args:
         start: A fit of one frame.
         frame: The map and its weights.
-        coarse: The same on few leaves.
+        coarse: The same on few adaptive cells.
         rounds: At most; `TRIALS` splits compete in each.
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes after each step before the first round, and after each round
@@ -143,7 +144,7 @@ def ordered(shown: lobe_images.Images, frame: objective.Target, costs: Tensor) -
     """Return the splits to try: of the lobes that most of J lies on first, the cheapest for each.
 
     Args:
-        shown: The lobes on the leaves of one frame.
+        shown: The lobes on the adaptive cells of one frame.
         frame: The map and its weights.
         costs: What the absence of each lobe costs; infinity for one that may not go.  [N]
     """
@@ -154,7 +155,7 @@ def lying_on(shown: lobe_images.Images, frame: objective.Target) -> Tensor:
     """Return how much of J lies on each lobe: its share of the light where J lies.  [F, N].
 
     Args:
-        shown: The lobes on the leaves.
+        shown: The lobes on the adaptive cells.
         frame: The maps and their weights.
     """
     error = objective.per_cell_loss(shown.radiance, frame)
@@ -232,7 +233,7 @@ def leave_one_out_costs(
 
     Of more than `newton.TOGETHER` lobes, neighbours alone make up for each other.
     """
-    found, count = objective.misfit(shown.radiance, frame), shown.lobes.count
+    found, count = objective.loss_gradient(shown.radiance, frame), shown.lobes.count
     if count <= newton.TOGETHER:
         costs, steps = leave_one_out_costs_of_each(shown, found, frame)
         return costs[0], steps[0]
@@ -247,12 +248,12 @@ def leave_one_out_costs(
 
 
 def leave_one_out_costs_of_each(
-    shown: lobe_images.Images, found: objective.Misfit, frame: objective.Target
+    shown: lobe_images.Images, found: objective.LossGradient, frame: objective.Target
 ) -> tuple[Tensor, Tensor]:
     """Return how much J of each frame grows, to second order, when a lobe is taken away.
 
     Args:
-        shown: The lobes on the leaves.
+        shown: The lobes on the adaptive cells.
         found: J of what they show.
         frame: The maps and their weights.
 
@@ -260,7 +261,7 @@ def leave_one_out_costs_of_each(
         The growth for each lobe [F, N], and the step of all lobes that takes its light away and
         makes up for it, in local coordinates [F, N, N, 8].
     """
-    hessian = newton.normal_equations(shown, found, frame)[0]
+    hessian = equations.normal_equations(shown, found, frame)[0]
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
     least = 1e-12 * diagonal.amax(-1, keepdim=True)
     scale = torch.maximum(diagonal, least).rsqrt()

@@ -192,7 +192,7 @@ def stepped(
 ) -> newton.Outcome:
     """Take the steps of each level in turn, the temporal term on.
 
-    What the outcome shows, if anything, is on the frame's leaves.
+    What the outcome shows, if anything, is on the frame's adaptive cells.
     """
     for level in levels:
         outcome = newton.minimise(

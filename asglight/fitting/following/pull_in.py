@@ -2,10 +2,10 @@
 """Drawing lobes after lamps that moved further than their own width.
 
 A gradient sees no lamp beyond the lobe's own reach: a sun of one texel that has moved by two is
-gone from it. One step of expectation-maximisation does: each lobe takes of every leaf's flux the
-share that it has of the radiance there, and goes to the mean and the in-plane covariance of what it
-took [Banerjee et al. 2005 for isotropic lobes]. What no narrow lobe claims falls to the nearest
-that reaches that far, so two lamps keep two lobes.
+gone from it. One step of expectation-maximisation does: each lobe takes of every adaptive cell's
+flux the share that it has of the radiance there, and goes to the mean and the in-plane covariance
+of what it took [Banerjee et al. 2005 for isotropic lobes]. What no narrow lobe claims falls to the
+nearest that reaches that far, so two lamps keep two lobes.
 """
 
 import math
@@ -31,7 +31,7 @@ REACH = math.radians(3.3)
 
 
 def responsibilities(shown: Images) -> Tensor:
-    """Return the share of each leaf's radiance that each lobe claims.  [F, N, P]."""
+    """Return the share of each adaptive cell's radiance that each lobe claims.  [F, N, P]."""
     own = shown.light.sum(-1, keepdim=True) * shown.values
     return own / own.sum(1, keepdim=True).clamp(min=torch.finfo(own.dtype).tiny)
 

@@ -19,7 +19,7 @@ from torch import Tensor
 from asglight.fitting.first_frame import split_merge
 from asglight.fitting.following.trials import TrialSettings, compete
 from asglight.fitting.loss import lobe_images, objective, temporal
-from asglight.fitting.loss.leaves import to_cells
+from asglight.fitting.loss.adaptive_cells import to_cells
 from asglight.fitting.loss.probes import PROBES, directions, probe, split
 from asglight.fitting.steps import newton
 from asglight.lobes import Lobes

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trials: one lobe in several places competes for a frame, a few steps each, on few leaves.
+"""Trials: one lobe in several places competes for a frame, a few steps each, on few adaptive cells.
 
 Whether a place is worth a lobe is settled between it and the few lobes whose light lies there. In a
 trial with companions only these take steps, and the light of all others is held: J of all is J of
@@ -50,7 +50,7 @@ def compete(
     Args:
         trials: Two or more; the first is the lobes as they are.  [F, N, .]
         indices: The lobe that each trial is about; of the first, that which shall stay as it is.
-        frame: The map on few leaves.  F = 1
+        frame: The map on few adaptive cells.  F = 1
         settings: How much is spent.
         width_min: Sigma of the narrowest lobe allowed, radians.
         damping: First damping.  [1]

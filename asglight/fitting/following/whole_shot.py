@@ -222,13 +222,13 @@ def _risen(after: Tensor, before: Tensor, frame: objective.Target, rise: float) 
     """Tell in which frames J, or its part of what materials show, grew by more than a share.  [F].
 
     Args:
-        after: Radiance of the lobes on the leaves.  [F, 3, P]
+        after: Radiance of the lobes on the adaptive cells.  [F, 3, P]
         before: What it was.  [F, 3, P]
         frame: The maps.
         rise: The share.
     """
     judged = replace(frame, corners=light.CORNERS)
-    new, old = (objective.sizes(radiance, judged) for radiance in (after, before))
+    new, old = (objective.loss_terms(radiance, judged) for radiance in (after, before))
     seen = (objective.of_materials(found.seen, judged) for found in (new, old))
     materials_new, materials_old = seen
     whole = new.value > (1 + rise) * old.value

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a fit minimises: leaves of the map, what lobes and materials show, J, the temporal term."""
+"""What a fit minimises: adaptive cells of the map, what lobes show there, J, the temporal term."""

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What leaves of one size see of lobes: the value and its derivatives as polynomials in direction.
+"""What adaptive cells of one size see of lobes: polynomials in direction, and their derivatives.
 
 The mean of a Gaussian over a texel is, to second order in the texel's size, a wider Gaussian: the
 texel's own second moment T adds to the lobe's covariance. With S = diag(sx, sy) in the lobe's frame
 it has the sharpness matrix S' = (S^-1 + 2 T)^-1 and the peak c = det(I + 2 S T)^-1/2. So one
-formula serves leaves of any size and lobes of any width, and a lobe narrower than a cell still has
-a slope there. T is held in the derivatives. A flat lobe is seen as its terms (lobes/flat.py).
+formula serves adaptive cells of any size and lobes of any width, and a lobe narrower than a cell
+still has a slope there. T is held in the derivatives. A flat lobe is seen as its terms
+(lobes/flat.py).
 """
 
 import math
@@ -22,7 +23,7 @@ from asglight.lobes import Form, Lobes, flat
 
 @dataclass(frozen=True)
 class Footprint:
-    """Lobes as leaves of L sizes see them, as polynomials in the monomials of degree 1 and 2.
+    """Lobes as adaptive cells of L sizes see them: polynomials in the monomials of degree 1 and 2.
 
     Attributes:
         exponent: Of the value over z: log c - d^T S' d.  [L, F, N, 9]
@@ -36,7 +37,7 @@ class Footprint:
 
 @dataclass(frozen=True)
 class Seen:
-    """Lobes as leaves of L sizes see them, in each lobe's frame.
+    """Lobes as adaptive cells of L sizes see them, in each lobe's frame.
 
     Attributes:
         moment: T, the second moment of a texel about its centre.  [L, F, N, 2, 2]
@@ -50,7 +51,7 @@ class Seen:
 
 
 def as_seen(lobes: Lobes, rows: Sequence[int]) -> Seen:
-    """Return how leaves of grids of so many rows see lobes.  [F, N, .].
+    """Return how adaptive cells of grids of so many rows see lobes.  [F, N, .].
 
     A texel of a grid of `rows` rows is pi / rows high and pi / rows times cos(latitude) wide.
     """
@@ -103,7 +104,7 @@ def exponents(lobes: Lobes, found: Seen) -> Tensor:
 
 
 def footprint(lobes: Lobes, rows: Sequence[int]) -> Footprint:
-    """Return what leaves of grids of so many rows see of lobes.  [F, N, .].
+    """Return what adaptive cells of grids of so many rows see of lobes.  [F, N, .].
 
     Of the form flat, what they see of the terms: N is three times as large.
     """

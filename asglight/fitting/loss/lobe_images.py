@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images of lobes on leaves: values, slopes of a loss, and the columns of the Gauss-Newton matrix.
+"""Images of lobes on adaptive cells: values, slopes of a loss, columns of the Gauss-Newton matrix.
 
-What a leaf sees of a lobe is the lobe's mean over it (footprints.py).
+What an adaptive cell sees of a lobe is the lobe's mean over it (footprints.py).
 
-Sums over leaves are exact to 2 exp(-2 pi^2 sigma'^2) an axis, sigma' in leaves: 39 % for a lobe far
-narrower than its leaf, sigma'^2 = 1/12. Narrow lobes are therefore scaled to their exact integral,
-and the scale's own change is part of every derivative: without it a narrow lobe that only moves
-would seem to change its flux from leaf to leaf, which outweighs what its motion does.
+Sums over adaptive cells are exact to 2 exp(-2 pi^2 sigma'^2) an axis, sigma' in adaptive cells: 39
+% for a lobe far narrower than its adaptive cell, sigma'^2 = 1/12. Narrow lobes are therefore scaled
+to their exact integral, and the scale's own change is part of every derivative: without it a narrow
+lobe that only moves would seem to change its flux from adaptive cell to adaptive cell, which
+outweighs what its motion does.
 
 The exponent and each derivative over the value are polynomials in direction of degree 1 and 2, so
 an image is one product with the monomials of direction, and the slopes of a loss along all
@@ -25,16 +26,16 @@ from torch import Tensor
 
 from asglight.fitting import compiled
 from asglight.fitting.loss import flat_terms
+from asglight.fitting.loss.adaptive_cells import AdaptiveCells
 from asglight.fitting.loss.coordinates import BROAD
 from asglight.fitting.loss.footprints import Footprint, as_seen, exponents
 from asglight.fitting.loss.grid import Grid
-from asglight.fitting.loss.leaves import Leaves
 from asglight.lobes import Form, Lobes, flat
 from asglight.lobes import data as lobe_data
 
 EXPONENT_MIN = -30.0
-"""Of exp: 1e-13 of the peak, beyond sight; its square times a leaf's share is no denormal number,
-for which a processor takes many times as long."""
+"""Of exp: 1e-13 of the peak, beyond sight; its square times an adaptive cell's share is no denormal
+number, for which a processor takes many times as long."""
 
 COLUMNS = 6
 """The lobe, two tilts, two widths, one turn."""
@@ -50,11 +51,11 @@ near a pole, where rows of cells are unlike, more is lacking."""
 
 @dataclass(frozen=True)
 class Images:
-    """Lobes of amplitude 1 on leaves.
+    """Lobes of amplitude 1 on adaptive cells.
 
     Attributes:
         lobes: The lobes.  [F, N, .]
-        values: Means over each leaf, but for `scale`.  [F, N, P]
+        values: Means over each adaptive cell, but for `scale`.  [F, N, P]
         gaussian: The values over z where z > 0 for the asg form; else the values.  [F, N, P]
         scale: What makes the integrals of narrow lobes exact; 1 for flat lobes, whose `values` have
             it.  [F, N]
@@ -133,13 +134,13 @@ def empty_like(shown: Images) -> Images:
     return Images(Lobes(axes, sharpness, amplitude, lobes.form), values, gaussian, scale)
 
 
-def images(lobes: Lobes, places: Leaves) -> Images:
-    """Evaluate lobes on leaves.  [F, N, .]."""
+def images(lobes: Lobes, places: AdaptiveCells) -> Images:
+    """Evaluate lobes on adaptive cells.  [F, N, .]."""
     if compiled.serves(lobes, places):
         return Images(lobes, *compiled.images(lobes, places.compiled, places.share.shape[-1]))
     if lobes.form is Form.FLAT:
         terms = images(flat.terms(lobes), places)
-        # terms averaged over a leaf each by itself may miss 0 by a little
+        # terms averaged over an adaptive cell each by itself may miss 0 by a little
         values = flat.summed(terms.values * terms.scale[..., None], 1).clamp(min=0)
         return Images(lobes, values, values, torch.ones_like(terms.scale[:, : lobes.count]), terms)
     levels = places.levels
@@ -170,7 +171,7 @@ def _scale_slopes(lobes: Lobes, scale: Tensor, change: Tensor) -> Tensor:
     Args:
         lobes: The lobes.  [F, N, .]
         scale: Their `_scale`.  [F, N]
-        change: d log mean, the mean over the leaves.  [F, N, 5]
+        change: d log mean, the mean over the adaptive cells.  [F, N, 5]
     """
     free = _is_narrow(lobes) & (scale > SCALE_MIN) & (scale < SCALE_MAX)
     return torch.where(free[..., None], _plane_integral_slopes(lobes) - change, 0.0)
@@ -218,13 +219,13 @@ def _values(lobes: Lobes, exponent: Tensor, monomials: Tensor) -> tuple[Tensor, 
     return z.mul_(gaussian), gaussian
 
 
-def scale_slopes(shown: Images, seen: Footprint, places: Leaves) -> Tensor:
+def scale_slopes(shown: Images, seen: Footprint, places: AdaptiveCells) -> Tensor:
     """Return d log scale along the five coordinates; of flat lobes, of their terms.  [F, N, 5].
 
     Args:
-        shown: The lobes on the leaves.
-        seen: Their footprint on the leaves' levels.
-        places: The leaves.
+        shown: The lobes on the adaptive cells.
+        seen: Their footprint on the adaptive cells' levels.
+        places: The adaptive cells.
     """
     shown = shown.terms or shown
     share = places.share[:, None]
@@ -233,16 +234,16 @@ def scale_slopes(shown: Images, seen: Footprint, places: Leaves) -> Tensor:
 
 
 def slopes(
-    shown: Images, seen: Footprint, of_scale: Tensor, slope: Tensor, places: Leaves
+    shown: Images, seen: Footprint, of_scale: Tensor, slope: Tensor, places: AdaptiveCells
 ) -> Tensor:
     """Contract the derivatives of each lobe with the slope of a loss.
 
     Args:
-        shown: The lobes on the leaves.
-        seen: Their footprint on the leaves' levels.
+        shown: The lobes on the adaptive cells.
+        seen: Their footprint on the adaptive cells' levels.
         of_scale: Their `scale_slopes`.  [F, N, 5]
         slope: dJ / d radiance.  [F, 3, P]
-        places: The leaves.
+        places: The adaptive cells.
 
     Returns:
         dJ along the five coordinates and the three amplitudes of each lobe.  [F, N, 8]
@@ -257,7 +258,7 @@ def slopes(
     return torch.cat([shape, light], dim=-1)
 
 
-def _shape_slopes(shown: Images, seen: Footprint, along: Tensor, places: Leaves) -> Tensor:
+def _shape_slopes(shown: Images, seen: Footprint, along: Tensor, places: AdaptiveCells) -> Tensor:
     """Return the slopes of sum along * value along the five coordinates.  [F, N or 1, P]."""
     lobes = shown.lobes
     valued = shown.values * along
@@ -271,13 +272,13 @@ def _shape_slopes(shown: Images, seen: Footprint, along: Tensor, places: Leaves)
 
 
 def columns(lobes: Lobes, seen: Footprint, level: int, monomials: Tensor) -> Tensor:
-    """Return each lobe and its five derivatives as means over leaves of one size, but for `scale`.
+    """Return each lobe and its five derivatives as means over cells of one size, but for `scale`.
 
     Args:
         lobes: The lobes.  [F, N, .]
         seen: Their footprint.
-        level: Which of the footprint's sizes the leaves have.
-        monomials: Of the leaves' centres.  [(F,) 10, P']
+        level: Which of the footprint's sizes the adaptive cells have.
+        monomials: Of the adaptive cells' centres.  [(F,) 10, P']
 
     Returns:
         Row 6 i is lobe i, rows 6 i + 1 to 6 i + 5 its derivatives.  [F, 6 N, P']
@@ -316,23 +317,23 @@ def grid_columns(lobes: Lobes, seen: Footprint, level: int, cells: Grid) -> Tens
     return _scaled(found, scale, _scale_slopes(lobes, scale, change))
 
 
-def leaf_columns(
+def adaptive_columns(
     shown: Images, seen: Footprint, of_scale: Tensor, level: int, monomials: Tensor
 ) -> Tensor:
-    """Return `columns` over the leaves of one size, at the scale of the lobes on all leaves.
+    """Return `columns` over the adaptive cells of one size, at the scale of the lobes on all.
 
     Args:
-        shown: The lobes on all leaves.
+        shown: The lobes on all adaptive cells.
         seen: Their footprint.
         of_scale: Their `scale_slopes`.  [F, N, 5]
-        level: Which of the footprint's sizes the leaves have.
-        monomials: Of the leaves' centres.  [(F,) 10, P']
+        level: Which of the footprint's sizes the adaptive cells have.
+        monomials: Of the adaptive cells' centres.  [(F,) 10, P']
 
     Returns:
         Rows as those of `columns`.  [F, 6 N, P']
     """
     if shown.terms is not None:
-        of_terms = leaf_columns(shown.terms, seen, of_scale, level, monomials)
+        of_terms = adaptive_columns(shown.terms, seen, of_scale, level, monomials)
         return flat_terms.columns_of_lobes(of_terms, shown.lobes)
     return _scaled(columns(shown.lobes, seen, level, monomials), shown.scale, of_scale)
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from asglight.fitting.loss import leaves, lobe_images
+from asglight.fitting.loss import adaptive_cells, lobe_images
+from asglight.fitting.loss.adaptive_cells import AdaptiveCells
 from asglight.fitting.loss.grid import coarsen, coarser
-from asglight.fitting.loss.leaves import Leaves
 from asglight.fitting.loss.probes import Probe, probe, shares, split
 from asglight.lobes import Lobes
 from asglight.shading import kernels
@@ -79,6 +79,8 @@ def errors(lobes: Lobes, reference: Shown) -> dict[str, float]:
     return result
 
 
-def even_cells(rows: int, device: str) -> Leaves:
-    """Return the cells of a grid as leaves, none of them refined."""
-    return leaves.leaves(torch.zeros(1, 3, 2 * rows * rows, device=device), rows, refined=0)
+def even_cells(rows: int, device: str) -> AdaptiveCells:
+    """Return the cells of a grid as adaptive cells, none of them refined."""
+    return adaptive_cells.adaptive_cells(
+        torch.zeros(1, 3, 2 * rows * rows, device=device), rows, refined=0
+    )

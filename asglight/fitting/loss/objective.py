@@ -11,8 +11,8 @@ dark. phi(r) = sqrt(|r|^2 + eps^2) over RGB is the L1 norm with its corner round
 map's error weighs as the metrics weigh it and the curvature stays finite. Its quadratic majoriser
 has the weight 1 / phi: iteratively reweighted least squares.
 
-The map's error is taken on leaves (leaves.py): a cell's is the mean over the parts it is cut into,
-for lobes are smooth at its scale but the map is not.
+The map's error is taken on adaptive cells (adaptive_cells.py): a cell's is the mean over the parts
+it is cut into, for lobes are smooth at its scale but the map is not.
 """
 
 from collections.abc import Sequence
@@ -24,9 +24,9 @@ from torch import Tensor
 
 from asglight.fitting import compiled
 from asglight.fitting.compiled import layout
-from asglight.fitting.loss import leaves
+from asglight.fitting.loss import adaptive_cells
+from asglight.fitting.loss.adaptive_cells import AdaptiveCells
 from asglight.fitting.loss.grid import coarsen, coarser
-from asglight.fitting.loss.leaves import Leaves
 from asglight.fitting.loss.probes import PROBES, of_views, probe, pull, shares, split, tables
 from asglight.shading import kernels
 
@@ -51,7 +51,7 @@ TRIAL_ROWS = 32
 """Rows of the grid of cells on which lobes compete: it tells them apart as well as a finer one."""
 
 TRIAL_REFINED = 16
-"""Cells that are refined there; with 64 a map of 128 rows has twice as many leaves."""
+"""Cells that are refined there; with 64 a map of 128 rows has twice as many adaptive cells."""
 
 TRIAL_FINE_ROWS = 128
 """Rows of the texels in those, at most: a lamp's place is known well enough to choose."""
@@ -72,11 +72,11 @@ class Corners:
 
 @dataclass(frozen=True)
 class Target:
-    """F frames on their leaves, with everything of J that does not depend on the lobes.
+    """F frames on their adaptive cells, with everything of J that does not depend on the lobes.
 
     Attributes:
-        places: The leaves.
-        radiance: Reference on the leaves.  [F, 3, P]
+        places: The adaptive cells.
+        radiance: Reference on the adaptive cells.  [F, 3, P]
         parts: Reference on the K parts of each cell.  [F, K, 3, C]
         env_scale: mean |ref|.  [F]
         probe_scale: mean |K_k ref| of each probe.  [F, K']
@@ -85,7 +85,7 @@ class Target:
         env_weight: w_env.
     """
 
-    places: Leaves
+    places: AdaptiveCells
     radiance: Tensor
     parts: Tensor
     env_scale: Tensor
@@ -134,7 +134,7 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Sizes:
+class LossTerms:
     """phi of every error of a reconstruction, and J, which is a sum of them.
 
     Attributes:
@@ -153,13 +153,13 @@ class Sizes:
 
 
 @dataclass(frozen=True)
-class Misfit:
+class LossGradient:
     """J of a reconstruction, and how it changes.
 
     Attributes:
         value: J, less its constant: 0 for a perfect fit.  [F]
         slope: dJ / d radiance.  [F, 3, P]
-        env_weight: Weight of each leaf's square in J's majoriser.  [F, P]
+        env_weight: Weight of each adaptive cell's square in J's majoriser.  [F, P]
         view_weight: The same for each view of the probes.  [F, D]
     """
 
@@ -169,21 +169,23 @@ class Misfit:
     view_weight: Tensor
 
 
-def target(reference: Tensor, corners: Corners = Corners(), places: Leaves | None = None) -> Target:
+def target(
+    reference: Tensor, corners: Corners = Corners(), places: AdaptiveCells | None = None
+) -> Target:
     """Prepare J for maps.
 
     Args:
         reference: Repaired radiance.  [F, 3, H * 2 H]
         corners: phi's corners.
-        places: The leaves; chosen by the map's detail if None.
+        places: The adaptive cells; chosen by the map's detail if None.
     """
-    places = leaves.leaves(reference) if places is None else places
-    radiance = leaves.on_leaves(reference, places)
+    places = adaptive_cells.adaptive_cells(reference) if places is None else places
+    radiance = adaptive_cells.on_adaptive_cells(reference, places)
     parts = _parts(reference, places)
     texels = radiance[..., places.count :]
     env_scale = (places.cell_share * _size(parts).mean(1)).sum(-1)
     env_scale = env_scale + (places.texel_share * _size(texels)).sum(-1)
-    views = probe(leaves.to_cells(radiance, places), places.rows)
+    views = probe(adaptive_cells.to_cells(radiance, places), places.rows)
     shared = shares(places.rows, str(reference.device))
     sums = [size.sum(-1) for size in split(shared * _size(views), places.rows)]
     probe_scale = torch.stack(sums, dim=-1).clamp(min=SCALE_MIN)
@@ -200,7 +202,7 @@ def target(reference: Tensor, corners: Corners = Corners(), places: Leaves | Non
 
 
 def trial_target(reference: Tensor, corners: Corners = Corners()) -> Target:
-    """Prepare J on few leaves, for lobes that compete.
+    """Prepare J on few adaptive cells, for lobes that compete.
 
     Args:
         reference: Repaired radiance.  [F, 3, H * 2 H]
@@ -209,7 +211,9 @@ def trial_target(reference: Tensor, corners: Corners = Corners()) -> Target:
     height = round((reference.shape[-1] / 2) ** 0.5)
     rows = coarser(height, TRIAL_FINE_ROWS)
     reference = coarsen(reference, height, rows)
-    return target(reference, corners, leaves.leaves(reference, TRIAL_ROWS, TRIAL_REFINED))
+    return target(
+        reference, corners, adaptive_cells.adaptive_cells(reference, TRIAL_ROWS, TRIAL_REFINED)
+    )
 
 
 def less(frame: Target, radiance: Tensor) -> Target:
@@ -217,13 +221,13 @@ def less(frame: Target, radiance: Tensor) -> Target:
 
     Args:
         frame: The maps; sizes and weights stay theirs.
-        radiance: What those lobes show on the leaves.  [F, 3, P]
+        radiance: What those lobes show on the adaptive cells.  [F, 3, P]
     """
     cells = radiance[:, None, :, : frame.places.count]
     return replace(frame, radiance=frame.radiance - radiance, parts=frame.parts - cells)
 
 
-def _parts(reference: Tensor, places: Leaves) -> Tensor:
+def _parts(reference: Tensor, places: AdaptiveCells) -> Tensor:
     """Return means over the parts of each cell.  [F, 3, H * 2 H] -> [F, K, 3, C]."""
     finer = places.fine_rows // places.rows
     factor = max(f for f in range(1, PARTS + 1) if finer % f == 0)
@@ -234,14 +238,16 @@ def _parts(reference: Tensor, places: Leaves) -> Tensor:
 
 def value(radiance: Tensor, frame: Target) -> Tensor:
     """Return J, less its constant: 0 for a perfect fit.  [F, 3, P] -> [F]."""
-    return sizes(radiance, frame).value
+    return loss_terms(radiance, frame).value
 
 
-def sizes(radiance: Tensor, frame: Target) -> Sizes:
+def loss_terms(radiance: Tensor, frame: Target) -> LossTerms:
     """Return J of reconstructions, with the sizes of all errors in it.  [F, 3, P]."""
     if compiled.looks(radiance, frame.places):
         probes = tables(frame.places.rows)
-        return Sizes(*compiled.sizes(radiance, frame.places.compiled, frame.compiled, probes))
+        return LossTerms(
+            *compiled.loss_terms(radiance, frame.places.compiled, frame.compiled, probes)
+        )
     places, cells = frame.places, frame.places.count
     part = radiance[:, None, :, :cells] - frame.parts
     parts = phi(part, frame.env_corner[:, None, None])  # [F, K, C]
@@ -250,17 +256,17 @@ def sizes(radiance: Tensor, frame: Target) -> Sizes:
     texels = phi(residual[..., cells:], frame.env_corner[:, None])
     if places.texel.shape[-1]:
         error = error + (places.texel_share * texels).sum(-1)
-    views = probe(leaves.to_cells(residual, places), places.rows)
+    views = probe(adaptive_cells.to_cells(residual, places), places.rows)
     seen = phi(views, frame.view_corner)
     total = frame.env_weight * (error / frame.env_scale - frame.corners.env)
-    return Sizes(total + of_materials(seen, frame), parts, texels, views, seen)
+    return LossTerms(total + of_materials(seen, frame), parts, texels, views, seen)
 
 
 def of_materials(seen: Tensor, frame: Target) -> Tensor:
     """Return J's part of what materials show wrong, all but the map's own.
 
     Args:
-        seen: `Sizes.seen` of reconstructions.  [F, D]
+        seen: `LossTerms.seen` of reconstructions.  [F, D]
         frame: The maps.
 
     Returns:
@@ -269,18 +275,18 @@ def of_materials(seen: Tensor, frame: Target) -> Tensor:
     return (frame.view_weight * (seen - frame.view_corner)).sum(-1)
 
 
-def misfit(radiance: Tensor, frame: Target, found: Sizes | None = None) -> Misfit:
+def loss_gradient(radiance: Tensor, frame: Target, found: LossTerms | None = None) -> LossGradient:
     """Return J, its slope and the weights of its majoriser for reconstructions.
 
     Args:
-        radiance: Reconstructions on the leaves.  [F, 3, P]
+        radiance: Reconstructions on the adaptive cells.  [F, 3, P]
         frame: The maps.
-        found: Their `sizes`, where they are known.
+        found: Their `loss_terms`, where they are known.
     """
-    found = found or sizes(radiance, frame)
+    found = found or loss_terms(radiance, frame)
     if compiled.looks(radiance, frame.places):
         given = frame.places.compiled, frame.compiled, tables(frame.places.rows)
-        return Misfit(found.value, *compiled.misfit(radiance, found, *given))
+        return LossGradient(found.value, *compiled.loss_gradient(radiance, found, *given))
     places, cells = frame.places, frame.places.count
     share = places.share * (frame.env_weight / frame.env_scale)[:, None]
     part = radiance[:, None, :, :cells] - frame.parts
@@ -293,7 +299,9 @@ def misfit(radiance: Tensor, frame: Target, found: Sizes | None = None) -> Misfi
         env_weight = torch.cat([env_weight, weight], dim=-1)
     view_weight = frame.view_weight / found.seen
     pulled = pull(found.views * view_weight[:, None], places.rows)
-    return Misfit(found.value, slope + leaves.from_cells(pulled, places), env_weight, view_weight)
+    return LossGradient(
+        found.value, slope + adaptive_cells.from_cells(pulled, places), env_weight, view_weight
+    )
 
 
 @lru_cache(maxsize=16)
@@ -305,24 +313,24 @@ def _probe_corners(corner: float, device: str) -> Tensor:
 
 
 def per_cell_loss(radiance: Tensor, frame: Target) -> Tensor:
-    """Lay J out on the leaves: what a probe shows wrong goes to where its light comes from.
+    """Lay J out on the adaptive cells: what a probe shows wrong goes to where its light comes from.
 
     Args:
-        radiance: Reconstructions on the leaves.  [F, 3, P]
+        radiance: Reconstructions on the adaptive cells.  [F, 3, P]
         frame: The maps; parts of cells count as one here.
 
     Returns:
-        Each leaf's part of J.  [F, P]
+        Each adaptive cell's part of J.  [F, P]
     """
     corner = frame.env_corner[:, None]
     residual = radiance - frame.radiance
     error = frame.places.share * (phi(residual, corner) - corner)
     total = error * (frame.env_weight / frame.env_scale)[:, None]
-    views = probe(leaves.to_cells(residual, frame.places), frame.places.rows)
+    views = probe(adaptive_cells.to_cells(residual, frame.places), frame.places.rows)
     corner = frame.view_corner
     lying = frame.view_weight * (phi(views, corner) - corner)
     pulled = pull(lying[:, None], frame.places.rows)
-    return total + leaves.from_cells(pulled, frame.places)[:, 0]
+    return total + adaptive_cells.from_cells(pulled, frame.places)[:, 0]
 
 
 def _size(images: Tensor) -> Tensor:

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.loss.coordinates import UNKNOWNS
-from asglight.fitting.steps import newton
+from asglight.fitting.steps import equations
 from asglight.lobes import Lobes, asg, texels
 
 ROWS = 64
@@ -115,4 +115,6 @@ def _curvature(lobes: Lobes) -> Tensor:
     shown = texels.texel_means(own, ROWS, 2 * ROWS)
     frame = objective.target(shown.flatten(0, 1).mT[None].contiguous())
     images = lobe_images.images(own[None], frame.places)
-    return newton.normal_equations(images, objective.misfit(images.radiance, frame), frame)[0][0]
+    return equations.normal_equations(
+        images, objective.loss_gradient(images.radiance, frame), frame
+    )[0][0]

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting import compiled
-from asglight.fitting.loss import leaves, objective
+from asglight.fitting.loss import adaptive_cells, objective
 from asglight.fitting.loss.lobe_images import Images
 from asglight.fitting.loss.objective import Corners
 from asglight.fitting.loss.probes import probe, tables
@@ -26,7 +26,7 @@ def last(shown: Images, frame: objective.Target, still: Tensor | None = None) ->
     """Return a fit with the last solution for its light, under `CORNERS`.
 
     Args:
-        shown: The lobes on the leaves.
+        shown: The lobes on the adaptive cells.
         frame: The maps.
         still: Which lobes keep their light.  [F, N]
     """
@@ -51,7 +51,7 @@ def solve_amplitudes(shown: Images, frame: objective.Target, still: Tensor | Non
     [Lawson and Hanson 1974].
 
     Args:
-        shown: The lobes on the leaves.
+        shown: The lobes on the adaptive cells.
         frame: The maps and their weights.
         still: Which lobes keep their light.  [F, N]
     """
@@ -71,7 +71,7 @@ def leave_one_out_costs(shown: Images, frame: objective.Target) -> Tensor:
     """Return how much J grows, to second order, when a lobe goes and others' light makes up for it.
 
     Args:
-        shown: The lobes on the leaves.
+        shown: The lobes on the adaptive cells.
         frame: The maps and their weights.
 
     Returns:
@@ -89,7 +89,7 @@ def _normal_equations(shown: Images, frame: objective.Target) -> tuple[Tensor, T
     """Return the Gauss-Newton matrix of the light of any channel, and J's slope, in float64.
 
     Args:
-        shown: The lobes on the leaves.
+        shown: The lobes on the adaptive cells.
         frame: The maps and their weights.
 
     Returns:
@@ -100,10 +100,12 @@ def _normal_equations(shown: Images, frame: objective.Target) -> tuple[Tensor, T
         laid = frame.places.compiled, frame.compiled, tables(frame.places.rows)
         return compiled.light(shown, *laid)
     values = shown.values * shown.scale[..., None]
-    views = probe(leaves.to_cells(values, frame.places), frame.places.rows)
-    misfit = objective.misfit(shown.lobes.amplitude.mT @ values, frame)
-    gram = _weighted_gram(values, misfit.env_weight) + _weighted_gram(views, misfit.view_weight)
-    return gram, values.double() @ misfit.slope.mT.double()
+    views = probe(adaptive_cells.to_cells(values, frame.places), frame.places.rows)
+    loss_gradient = objective.loss_gradient(shown.lobes.amplitude.mT @ values, frame)
+    gram = _weighted_gram(values, loss_gradient.env_weight) + _weighted_gram(
+        views, loss_gradient.view_weight
+    )
+    return gram, values.double() @ loss_gradient.slope.mT.double()
 
 
 def _weighted_gram(images: Tensor, weight: Tensor) -> Tensor:

@@ -53,8 +53,8 @@ def around(shown: Images, share: Tensor, places: Tensor, count: int) -> Tensor:
     """Return the lobes whose light lies most where that of some of them does, these included.
 
     Args:
-        shown: The lobes of one frame on its leaves.
-        share: Solid angles of the leaves.  [1, P]
+        shown: The lobes of one frame on its adaptive cells.
+        share: Solid angles of the adaptive cells.  [1, P]
         places: Indices of those lobes, in each of some cases.  [T, M]
         count: K, lobes that are wanted.
 

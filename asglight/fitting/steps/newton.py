@@ -1,14 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Levenberg-Marquardt steps on all lobes of a frame at once, and on many frames side by side.
 
-A step solves (H + damping diag H) delta = -gradient with the Gauss-Newton matrix H of J's quadratic
-majoriser (objective.py) [Marquardt 1963]; a step that does not lower J is not taken, and the next
-is damped more. 15 lobes are 120 unknowns: the cost is in the images of the lobes, not in the solve.
-Of many lobes it would be, so these take steps in parts (neighbours.py), and what a fit costs grows
-with their number.
-
-J and its gradient are taken over every leaf. H only shapes the step: its cells are coarser still,
-but for the refined ones.
+A step solves damped equations (equations.py) [Marquardt 1963]; one that does not lower J is not
+taken, and the next is damped more. 15 lobes are 120 unknowns: the cost is in the images of the
+lobes, not in the solve. Of many lobes it would be, so these take steps in parts (neighbours.py),
+and what a fit costs grows with their number.
 
 Frames do not see each other. On the processor C takes the steps (compiled/), for which those here
 are the reference. On a GPU no step waits for the processor: what a frame whose step
@@ -25,16 +21,13 @@ from torch import Tensor
 from asglight.fitting import compiled
 from asglight.fitting.compiled import layout
 from asglight.fitting.loss import lobe_images, objective, temporal
-from asglight.fitting.loss.coordinates import UNKNOWNS, advance
-from asglight.fitting.loss.footprints import Footprint, footprint
-from asglight.fitting.loss.grid import Grid, cell_sums, coarser, grid
-from asglight.fitting.loss.leaves import Leaves
-from asglight.fitting.loss.lobe_images import COLUMNS, Images
-from asglight.fitting.loss.objective import Misfit, Sizes
-from asglight.fitting.loss.probes import CURVATURE_ROWS, probe, tables
-from asglight.fitting.steps import neighbours
+from asglight.fitting.loss.coordinates import advance
+from asglight.fitting.loss.lobe_images import Images
+from asglight.fitting.loss.objective import LossTerms
+from asglight.fitting.loss.probes import tables
+from asglight.fitting.steps import equations, neighbours
 from asglight.fitting.steps.captured import Replays
-from asglight.lobes import Lobes, asg
+from asglight.lobes import Lobes
 
 OnStep = Callable[[Lobes], None]
 """Called with the lobes [F, N, .] after a step."""
@@ -65,7 +58,7 @@ class Outcome:
         lobes: The lobes.  [F, N, .]
         value: J with the temporal terms.  [F]
         damping: The damping of the next step.  [F]
-        shown: The lobes on the frame's leaves, where they are known.
+        shown: The lobes on the frame's adaptive cells, where they are known.
     """
 
     lobes: Lobes
@@ -85,13 +78,13 @@ class Outcome:
 
 @dataclass(frozen=True)
 class _State:
-    """Lobes on their leaves, J there, and J with the temporal terms.
+    """Lobes on their adaptive cells, J there, and J with the temporal terms.
 
     J's slope is taken where a step starts, not where one was tried: many steps are not taken.
     """
 
     shown: Images
-    sizes: Sizes
+    sizes: LossTerms
     value: Tensor
 
 
@@ -145,7 +138,7 @@ def minimise(
         still: Which lobes stay as they are.  [F, N]
         tolerance: Stop when the step of each frame lowers J by less than this share of it.
         on_step: Called with the lobes after each step.
-        shown: The lobes on the frame's leaves, where they are known.
+        shown: The lobes on the frame's adaptive cells, where they are known.
         moving: The lobes of each frame that take steps; the light of all others is held. All if
             None.  [F, K]
     """
@@ -161,16 +154,16 @@ def minimise(
     if lobes.axes.is_cuda:
         state, damping = _on_device(state, damping, given, steps, on_step)
         return Outcome(state.shown.lobes, state.value, damping, state.shown)
-    equations: tuple[Tensor, Tensor] | None = None
+    system: tuple[Tensor, Tensor] | None = None
     for _ in range(steps):
-        equations = equations or _equations(state, given)
-        tried = _tried(state, equations, damping, given)
+        system = system or _equations(state, given)
+        tried = _tried(state, system, damping, given)
         better = tried.value < state.value
         finished = better & (state.value - tried.value < given.tolerance * state.value)
         damping = _next_damping(damping, better)
         if bool(better.any()):
             state = tried if bool(better.all()) else _chosen(better, tried, state)
-            equations = None
+            system = None
         if on_step is not None:
             on_step(state.shown.lobes)
         if bool((finished | (damping >= DAMPING_MAX)).all()):
@@ -215,7 +208,7 @@ def _some(
 
     Args:
         lobes: All of them.  [F, N, .]
-        radiance: What they show on the leaves.  [F, 3, P]
+        radiance: What they show on the adaptive cells.  [F, 3, P]
         index: Which take steps.  [F, K]
         damping: First damping.  [F]
         given: Of all lobes.
@@ -251,7 +244,7 @@ def _compiled(
 ) -> Outcome:
     """Take all steps in C."""
     places, found = given.frame.places, lobe_images.empty_like(shown)
-    cells = _summed_on(places)
+    cells = equations.summed_on(places)
     counts = shown.scale.shape[0], shown.scale.shape[1]
     rule = DAMPING_UP, DAMPING_DOWN, DAMPING_MIN, DAMPING_MAX
     laid = layout.steps(given, cells, (tables(places.rows), tables(cells.height)), rule, counts)
@@ -262,11 +255,6 @@ def _compiled(
 
     done = compiled.minimise(shown, found, damping, steps, laid, on_step and report)
     return Outcome(found.lobes, *done, found)
-
-
-def _summed_on(places: Leaves) -> Grid:
-    """Return the grid of cells on which the matrix is summed."""
-    return grid(coarser(places.rows, CURVATURE_ROWS), str(places.refined.device))
 
 
 def _on_device(
@@ -295,11 +283,9 @@ def _step(progress: _Progress, given: Setting) -> _Progress:
     return _chosen(better, tried, state), _next_damping(damping, better)
 
 
-def _tried(
-    state: _State, equations: tuple[Tensor, Tensor], damping: Tensor, given: Setting
-) -> _State:
+def _tried(state: _State, system: tuple[Tensor, Tensor], damping: Tensor, given: Setting) -> _State:
     lobes = state.shown.lobes
-    step = _solve(*equations, lobes, damping, given.still)
+    step = equations.solve(*system, lobes, damping, given.still)
     ahead = advance(lobes, step, given.width_min)
     frame = given.frame
     return _judged(lobe_images.images(ahead, frame.places), frame, given.priors)
@@ -314,7 +300,7 @@ def _next_damping(damping: Tensor, better: Tensor) -> Tensor:
 
 
 def _judged(shown: Images, frame: objective.Target, priors: Sequence[temporal.Prior]) -> _State:
-    found = objective.sizes(shown.radiance, frame)
+    found = objective.loss_terms(shown.radiance, frame)
     value = found.value
     for prior in priors:
         value = value + temporal.value(shown.lobes, prior)
@@ -328,7 +314,7 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
         return torch.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
     new, old = tried.sizes, before.sizes
-    found = Sizes(
+    found = LossTerms(
         of(new.value, old.value),
         of(new.parts, old.parts),
         of(new.texels, old.texels),
@@ -340,91 +326,10 @@ def _chosen(better: Tensor, tried: _State, before: _State) -> _State:
 
 
 def _equations(state: _State, given: Setting) -> tuple[Tensor, Tensor]:
-    found = objective.misfit(state.shown.radiance, given.frame, state.sizes)
-    hessian, gradient = normal_equations(state.shown, found, given.frame)
+    found = objective.loss_gradient(state.shown.radiance, given.frame, state.sizes)
+    hessian, gradient = equations.normal_equations(state.shown, found, given.frame)
     for prior in given.priors:
         curvature, slope = temporal.slopes(state.shown.lobes, prior)
         torch.diagonal(hessian, dim1=-2, dim2=-1).add_(curvature)
         gradient = gradient + slope
     return hessian, gradient
-
-
-def normal_equations(
-    shown: Images, found: Misfit, frame: objective.Target
-) -> tuple[Tensor, Tensor]:
-    """Return the Gauss-Newton matrix and the gradient of J.
-
-    Args:
-        shown: The lobes on the frames' leaves.
-        found: J of what they show.
-        frame: The maps and their weights.
-
-    Returns:
-        H [F, 8 N, 8 N] and g [F, 8 N] in float64, unknowns of a lobe together, shape before light.
-    """
-    lobes, places = shown.lobes, frame.places
-    cells = _summed_on(places)
-    if compiled.serves(lobes, places):
-        leaves, probes = places.compiled, tables(cells.height)
-        slopes, of_scale = compiled.slopes(lobes, shown.scale, found.slope, leaves)
-        weights = found.env_weight, found.view_weight
-        scales = shown.scale, of_scale
-        hessian = compiled.matrix(lobes, scales, leaves, cells, probes, weights)
-        return hessian, slopes.flatten(1)
-    sizes = [rows for rows, _, _ in places.levels]
-    seen = footprint(lobes, [*sizes, cells.height])
-    of_leaves = Footprint(seen.exponent[:-1], seen.derivatives[:-1])
-    of_scale = lobe_images.scale_slopes(shown, of_leaves, places)
-    slopes = lobe_images.slopes(shown, of_leaves, of_scale, found.slope, places)
-    coarse = lobe_images.grid_columns(lobes, seen, -1, cells)
-    weight = cell_sums(found.env_weight[:, : places.count], places.rows, cells.height)
-    gram = (coarse * weight[:, None]) @ coarse.mT
-    for level, (_, monomials, place) in list(enumerate(places.levels))[1:]:
-        sharp = lobe_images.leaf_columns(shown, seen, of_scale, level, monomials)
-        gram += (sharp * found.env_weight[:, None, place]) @ sharp.mT
-    views = probe(coarse, cells.height)
-    gram += (views * found.view_weight[:, None]) @ views.mT
-    return _chain(gram.double(), lobes.amplitude.double()), slopes.double().flatten(1)
-
-
-def _chain(gram: Tensor, amplitude: Tensor) -> Tensor:
-    """Go from columns to unknowns: a shape unknown moves each channel by the lobe's amplitude."""
-    frames, count, _ = amplitude.shape
-    blocks = gram.reshape(frames, count, COLUMNS, count, COLUMNS)
-    shape_light = blocks[:, :, 1:, :, :1] * amplitude[:, :, None, None]  # [F, N, 5, N, 3]
-    hessian = gram.new_zeros(frames, count, UNKNOWNS, count, UNKNOWNS)
-    both = (amplitude @ amplitude.mT)[:, :, None, :, None]
-    hessian[:, :, :5, :, :5] = blocks[:, :, 1:, :, 1:] * both
-    hessian[:, :, :5, :, 5:] = shape_light
-    hessian[:, :, 5:, :, :5] = shape_light.permute(0, 3, 4, 1, 2)
-    for channel in range(5, 8):
-        hessian[:, :, channel, :, channel] = blocks[:, :, 0, :, 0]
-    return hessian.reshape(frames, count * UNKNOWNS, count * UNKNOWNS)
-
-
-def _solve(
-    hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor, still: Tensor | None = None
-) -> Tensor:
-    """Solve the damped systems; unknowns at a bound that would cross it stay.  [F, N, 8]."""
-    ahead = gradient.reshape(-1, lobes.count, UNKNOWNS)
-    held = torch.zeros_like(ahead, dtype=torch.bool)
-    held[..., 2:4] = (lobes.sharpness <= asg.SHARPNESS_MIN) & (ahead[..., 2:4] > 0)
-    held[..., 5:] = (lobes.amplitude <= 0) & (ahead[..., 5:] > 0)
-    if still is not None:
-        held |= still[..., None]
-    free = ~held.flatten(1)
-    diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
-    largest = diagonal.amax(-1, keepdim=True).clamp(min=1e-300)
-    # unknowns that nothing in the map sees get unit curvature, far above their gradient of 0
-    curvature = torch.where(diagonal > 1e-12 * largest, diagonal, largest)
-    # scaled to unit diagonal: sharpness and radiance differ by ten orders of magnitude
-    scale = free * (diagonal + damping[:, None] * curvature).clamp(min=1e-300).rsqrt()
-    scaled = hessian * (scale[:, :, None] * scale[:, None, :])
-    torch.diagonal(scaled, dim1=-2, dim2=-1).fill_(1.0)
-    right = -gradient * scale
-    factor, failed = torch.linalg.cholesky_ex(scaled)
-    # cholesky_solve of several systems is MAGMA's on a GPU, which no graph can hold
-    half = torch.linalg.solve_triangular(factor, right[..., None], upper=False)
-    step = torch.linalg.solve_triangular(factor.mT, half, upper=True)[..., 0] * scale
-    step = torch.where((failed > 0)[:, None], 0.0, step)
-    return step.reshape(-1, lobes.count, UNKNOWNS)

@@ -42,9 +42,9 @@ class _Batch:
 
     Attributes:
         frames: Each map.
-        whole: All of them on their leaves.
-        coarse: The same on few leaves.
-        last: The same on the leaves of the last steps.
+        whole: All of them on their adaptive cells.
+        coarse: The same on few adaptive cells.
+        last: The same on the adaptive cells of the last steps.
         cells: The cells of each.
     """
 
@@ -126,7 +126,7 @@ def _batch(references: list[Tensor], frames: list[Exposed]) -> _Batch:
         frames,
         objective.target(radiance),
         objective.trial_target(radiance),
-        first_frame.on_fine_leaves(joined),
+        first_frame.on_fine_cells(joined),
         cells,
     )
 
@@ -165,7 +165,7 @@ def _best_end(batch: _Batch, count: int, form: Form, aims: Tensor) -> newton.Out
 
 
 def _finished(batch: _Batch, seeds: Lobes) -> newton.Outcome:
-    """Return where starts come to, on the leaves on which ends are compared."""
+    """Return where starts come to, on the adaptive cells on which ends are compared."""
     found = first_frame.descend(
         seeds,
         batch.whole,

@@ -8,12 +8,12 @@ import torch
 from torch import Tensor
 
 from asglight.fitting.loss import lobe_images, objective
-from asglight.fitting.loss.leaves import Leaves
+from asglight.fitting.loss.adaptive_cells import AdaptiveCells
 from asglight.fitting.loss.probes import of_views
 from asglight.fitting.steps import newton
 from asglight.lobes import data as lobe_data
 
-Framed = TypeVar("Framed", Leaves, objective.Target)
+Framed = TypeVar("Framed", AdaptiveCells, objective.Target)
 
 
 def picked(frames: objective.Target, index: Tensor) -> objective.Target:

@@ -38,7 +38,7 @@ def split_and_merge_each(
     Args:
         start: A fit of each map.
         frame: The maps and their weights.
-        coarse: The same on few leaves.
+        coarse: The same on few adaptive cells.
         rounds: At most; `TRIALS` splits of each map compete in each.
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes after each step before the first round, and each round.
@@ -84,8 +84,8 @@ def _filled_up(splits: list[Split]) -> list[Split]:
 def _to_try(best: newton.Outcome, frames: objective.Target) -> tuple[list[Iterator[Split]], Tensor]:
     """Return the splits of each fit in the order of their trials, and the steps that fill gaps."""
     assert best.shown is not None  # of lobes that took steps
-    misfit = objective.misfit(best.shown.radiance, frames)
-    costs, filled = leave_one_out_costs_of_each(best.shown, misfit, frames)
+    loss_gradient = objective.loss_gradient(best.shown.radiance, frames)
+    costs, filled = leave_one_out_costs_of_each(best.shown, loss_gradient, frames)
     own = lying_on(best.shown, frames)
     form = best.lobes.form
     pairs = zip(own.cpu(), costs.cpu(), strict=True)

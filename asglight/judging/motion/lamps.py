@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy import ndimage, optimize, sparse
-from scipy.sparse import csgraph
+from scipy import ndimage, optimize
 from torch import Tensor
 
+from asglight.keys.spots import labelled
 from asglight.lobes import LobeTracks, asg, motion
 from asglight.sphere import latlong
 
@@ -141,7 +141,7 @@ def spots(radiance: Tensor, threshold: float) -> Spots:
     """
     height, width, _ = radiance.shape
     luminance = radiance.double().sum(-1).numpy()
-    labels, count = _labels(luminance > threshold)
+    labels, count = labelled(luminance > threshold)
     omega = latlong.texel_solid_angles(height, width, dtype=torch.float64).expand(height, width)
     total = float((luminance * omega.numpy()).sum())
     if not count:
@@ -252,30 +252,6 @@ def _extend(path: Path, found: Spots, spot: int) -> None:
     path.flux.append(float(found.flux[spot]))
     path.width.append(float(found.width[spot]))
     path.share.append(float(found.flux[spot]) / found.total)
-
-
-def _labels(bright: NDArray[np.bool_]) -> tuple[NDArray[np.int_], int]:
-    """Number the connected spots of a latlong, whose sides meet and whose end rows are one point.
-
-    Returns:
-        0 for what is dark, spots from 1 on [H, W]; how many there are.
-    """
-    labels, count = _numbered(bright)
-    rows = np.arange(len(labels))
-    links = [
-        (labels[rows, 0], labels[np.clip(rows + step, 0, rows[-1]), -1]) for step in (-1, 0, 1)
-    ]
-    for end in (labels[0], labels[-1]):
-        links.append((np.full_like(end, end.max()), end))
-    first, second = (np.concatenate(side) for side in zip(*links, strict=True))
-    both = (first > 0) & (second > 0)
-    graph = sparse.coo_array(
-        (np.ones(both.sum()), (first[both], second[both])), shape=(count + 1, count + 1)
-    )
-    names = np.asarray(csgraph.connected_components(graph, directed=False)[1])
-    # the dark, label 0, is linked to nothing; the spots are numbered anew from 1 on
-    spots, numbers = np.unique(names[1:], return_inverse=True)
-    return np.concatenate([np.zeros(1, dtype=int), numbers + 1])[labels], len(spots)
 
 
 def _numbered(marks: NDArray[np.bool_]) -> tuple[NDArray[np.int_], int]:

@@ -3,7 +3,7 @@
 
 The fit's loss J (asglight/fitting/loss/objective.py) is written down once more, plainly: the
 materials as one matrix each instead of Fourier transforms, everything in float64. Its differences
-along random directions of the lobes' coordinates are what `newton.normal_equations` foretells.
+along random directions of the lobes' coordinates are what `equations.normal_equations` foretells.
 """
 
 import functools
@@ -14,16 +14,16 @@ import torch
 from torch import Tensor
 
 from asglight.fitting.first_frame.fit import exposed
-from asglight.fitting.loss import leaves, lobe_images, objective, probes
+from asglight.fitting.loss import adaptive_cells, lobe_images, objective, probes
 from asglight.fitting.loss.coordinates import UNKNOWNS, advance
 from asglight.fitting.loss.grid import POWERS, Grid
-from asglight.fitting.steps import newton
+from asglight.fitting.steps import equations
 from asglight.lobes import Lobes, asg
 from asglight.shading import kernels
 from asglight.sphere import latlong
 
-ROWS, REFINED = leaves.BASE_ROWS, leaves.REFINED
-"""Of the leaves: the fit's own."""
+ROWS, REFINED = adaptive_cells.BASE_ROWS, adaptive_cells.REFINED
+"""Of the adaptive cells: the fit's own."""
 
 MOVE = 0.1
 """Lobes are moved by a tenth of their widths first: at a fit's end the gradient is nearly 0."""
@@ -43,8 +43,8 @@ DIM = 1e-3
 """Of a lobe's brightness: a channel this near to 0 stays, for a step may not cross it."""
 
 
-class _DoubleLeaves(leaves.Leaves):
-    """Leaves whose coarse grid is in float64."""
+class _DoubleCells(adaptive_cells.AdaptiveCells):
+    """Adaptive cells whose coarse grid is in float64."""
 
     @property
     def cells(self) -> Grid:
@@ -67,7 +67,7 @@ def gradient_error(lobes: Lobes, radiance: Tensor) -> float | None:
     frame = exposed(radiance)
     if frame.exposure <= 0:
         return None
-    places = leaves.leaves(frame.radiance, ROWS, REFINED)
+    places = adaptive_cells.adaptive_cells(frame.radiance, ROWS, REFINED)
     target = objective.target(frame.radiance, objective.Corners(), places)
     own = replace(lobes, amplitude=lobes.amplitude.double() / frame.exposure)
     own = own.to(torch.float32)[None]
@@ -75,8 +75,8 @@ def gradient_error(lobes: Lobes, radiance: Tensor) -> float | None:
     moved = torch.randn(own.count, UNKNOWNS, generator=generator, dtype=torch.float64)
     own = advance(own, (MOVE * _units(own) * moved).float())
     shown = lobe_images.images(own, places)
-    found = objective.misfit(shown.radiance, target)
-    gradient = newton.normal_equations(shown, found, target)[1].reshape(1, own.count, -1)
+    found = objective.loss_gradient(shown.radiance, target)
+    gradient = equations.normal_equations(shown, found, target)[1].reshape(1, own.count, -1)
     exact, units = own.to(torch.float64), _units(own)
     whole = float((gradient * units).norm())
     errors = []
@@ -117,7 +117,7 @@ def _loss(lobes: Lobes, target: objective.Target) -> Tensor:
     texels = objective.phi(residual[..., places.count :], corner[:, None])
     error = (places.cell_share * parts).sum(-1) + (places.texel_share * texels).sum(-1)
     total = objective.ENV_WEIGHT * error / target.env_scale.double()
-    on_cells = leaves.to_cells(residual, places)
+    on_cells = adaptive_cells.to_cells(residual, places)
     corners = probes.split(target.view_corner, places.rows)  # one for all views of a probe
     for index, source in enumerate(probes.PROBES):
         share, operator = _material(source, places.rows)
@@ -147,9 +147,9 @@ def _double_grid(rows: int) -> Grid:
     return Grid(rows, directions, monomials, share.reshape(-1))
 
 
-def _double(places: leaves.Leaves) -> _DoubleLeaves:
+def _double(places: adaptive_cells.AdaptiveCells) -> _DoubleCells:
     values = {field.name: getattr(places, field.name) for field in fields(places)}
     for name, value in values.items():
         if isinstance(value, Tensor) and value.is_floating_point():
             values[name] = value.double()
-    return _DoubleLeaves(**values)
+    return _DoubleCells(**values)

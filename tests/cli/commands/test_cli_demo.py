@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,10 @@ from asglight import read_usd
 from asglight.cli import progress
 from asglight.cli.commands import demo
 from asglight.cli.main import main
+from asglight.fitting.options import FitOptions, Preset
 from asglight.images import open_sequence
 from asglight.shading import balls
+from asglight.shots import fit_shot
 from asglight.shots.events import Event, FrameDone
 from asglight.sky import SkyConfig
 
@@ -25,9 +28,11 @@ def even_balls(maps: Tensor) -> Tensor:
 
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make the demo small: four frames of 16 rows, balls of 8 pixels."""
+    """Make the demo small: four frames of 16 rows, three lobes, balls of 8 pixels."""
     monkeypatch.setattr(demo, "CONFIG", SkyConfig(frames=(1001, 1002, 1003, 1004)))
     monkeypatch.setattr(demo, "HEIGHT", 16)
+    few = FitOptions(lobes=3, preset=Preset.LIVE)
+    monkeypatch.setattr(demo, "fit_shot", partial(fit_shot, options=few))
     monkeypatch.setattr(balls, "render_balls", even_balls)
 
 

@@ -3,6 +3,7 @@
 
 import os
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,11 +18,18 @@ from asglight.export.environment import environment
 from asglight.usd import read_usd, write_usd
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a stage of three lobes in the frames 1001, 1002 and 1004."""
+    folder = tmp_path_factory.mktemp("written")
+    write_usd(moving([1001, 1002, 1004]), folder / "shot.usda")
+    return folder
+
+
 @pytest.fixture
-def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Write a stage of three lobes in the frames 1001, 1002 and 1004, and go there."""
-    monkeypatch.chdir(tmp_path)
-    write_usd(moving([1001, 1002, 1004]), "shot.usda")
+def stage(written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Go to a copy of the stage."""
+    monkeypatch.chdir(shutil.copytree(written, tmp_path, dirs_exist_ok=True))
     return "shot.usda"
 
 

@@ -2,6 +2,7 @@
 """`asglight keys`, and the options of keys of `asglight fit`."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,9 @@ from pxr import Usd, UsdLux
 
 from asglight.cli.main import main
 from asglight.images import write_exr
+from asglight.shots import fit_shot
+from asglight.shots.parts import farm
+from asglight.shots.parts.chunks import Shot
 from asglight.usd import lint_stage
 from asglight.usd.read.keys import read_keys
 from asglight.usd.read.read_options import read_options
@@ -28,12 +32,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             Rectangle(-100, 30, 0, 9, 7, (30.0, 30.0, 60.0)),
         )
         write_exr(folder / f"sky.{frame}.exr", with_lamps(ROWS, *lamps, rays=4))
-    assert main(["fit", str(folder / "sky.#.exr"), "-o", str(folder / "sky.usda")]) == 0
+    assert run("fit", folder / "sky.#.exr", "-o", folder / "sky.usda") == 0
     return folder
 
 
-def run(*words: str | Path) -> int:
-    return main([str(word) for word in words])
+def run(command: str, *words: str | Path) -> int:
+    """Run a command; a fit is of two lobes, for its keys are cut from the images."""
+    few = ("--preset", "live", "--lobes", "2") if command == "fit" else ()
+    return main([command, *map(str, words), *few])
 
 
 def test_a_stage_gets_keys_beside_what_it_has(folder, tmp_path, capsys) -> None:
@@ -216,11 +222,22 @@ def test_a_rest_that_was_dimmed_elsewhere_is_not_copied_as_it_was(folder, tmp_pa
     assert "the rest was changed (/AsgRig/Rest: light x 0.5)" in capsys.readouterr().err
 
 
-def test_a_farm_leaves_stages_whose_keys_are_cut_here(folder, tmp_path, capsys) -> None:
+def fitted_here(shots: Sequence[Shot], *_: object, **__: object) -> list[str]:
+    """Fit shots as a farm does, in this process."""
+    for shot in shots:
+        settings = {"frames": shot.frames, "fps": shot.fps, "stage": shot.stage}
+        fit_shot(shot.source, shot.output, shot.options, **settings)
+    return [shot.output for shot in shots]
+
+
+def test_a_farm_leaves_stages_whose_keys_are_cut_here(
+    folder, tmp_path, capsys, monkeypatch
+) -> None:
+    monkeypatch.setattr(farm, "fit_on_farm", fitted_here)
     target, alone = tmp_path / "farm.usda", tmp_path / "alone.usda"
-    words = ["fit", folder / "sky.#.exr", "--keys", "auto", "-o"]
-    assert run(*words, alone) == 0
-    assert run(*words, target, "--scheduler", "local:1") == 0
+    words = [folder / "sky.#.exr", "--keys", "auto", "-o"]
+    assert run("fit", *words, alone) == 0
+    assert run("fit", *words, target, "--scheduler", "local:1") == 0
     assert read_options(target).representations == ("keys", "cards")
     found, wanted = read_keys(target), read_keys(alone)
     assert found is not None

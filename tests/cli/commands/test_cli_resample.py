@@ -4,6 +4,7 @@
 import json
 import os
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,12 +45,19 @@ OPTIONS = {
 }
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a shot of three lobes, the broad one in the fill, and a still."""
+    folder = tmp_path_factory.mktemp("written")
+    write_usd(SHOT, folder / "shot.usda", dome_height=16)
+    write_usd(still(), folder / "still.usda", dome_height=16)
+    return folder
+
+
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Write a shot of three lobes, the broad one in the fill, and a still; go there."""
-    monkeypatch.chdir(tmp_path)
-    write_usd(SHOT, "shot.usda")
-    write_usd(still(), "still.usda")
+def here(written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Go to a copy of the stages."""
+    monkeypatch.chdir(shutil.copytree(written, tmp_path, dirs_exist_ok=True))
     return tmp_path
 
 

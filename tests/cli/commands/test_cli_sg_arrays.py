@@ -3,6 +3,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +20,20 @@ from asglight.usd import read_usd, write_usd
 FRAMES = [1001, 1002, 1004]
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a stage of asg and one of sg lobes, and an array."""
+    folder = tmp_path_factory.mktemp("written")
+    write_usd(moving(FRAMES), folder / "shot.usda")
+    write_usd(moving(FRAMES, form=Form.SG), folder / "sg.usda")
+    np.save(folder / "lights.npy", np.ones((2, 3, 7), np.float32))
+    return folder
+
+
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Go to a folder with a stage of asg and one of sg lobes, and an array."""
-    monkeypatch.chdir(tmp_path)
-    write_usd(moving(FRAMES), "shot.usda")
-    write_usd(moving(FRAMES, form=Form.SG), "sg.usda")
-    np.save("lights.npy", np.ones((2, 3, 7), np.float32))
+def folder(written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Go to a copy of what was written."""
+    monkeypatch.chdir(shutil.copytree(written, tmp_path, dirs_exist_ok=True))
     return tmp_path
 
 

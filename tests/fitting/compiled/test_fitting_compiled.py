@@ -8,15 +8,22 @@ from typing import Any
 import compiled_parts
 import pytest
 import torch
-from leaf_cases import CENTRES, POLES, lobes_at, plain_leaves, refined_leaves
+from adaptive_cases import CENTRES, POLES, lobes_at, plain_cells, refined_cells
 from lobe_cases import DOUBLE, alike, noise
 from torch import Tensor
 
 from asglight import c_library as library
 from asglight.fitting import compiled
-from asglight.fitting.loss import coordinates, leaves, lobe_images, objective, probes, temporal
+from asglight.fitting.loss import (
+    adaptive_cells,
+    coordinates,
+    lobe_images,
+    objective,
+    probes,
+    temporal,
+)
 from asglight.fitting.loss.grid import POWERS
-from asglight.fitting.steps import light, newton
+from asglight.fitting.steps import equations, light, newton
 from asglight.lobes import Form, Lobes
 from asglight.lobes import data as lobe_data
 
@@ -43,7 +50,7 @@ def _doubled(value: Any) -> Any:
 @pytest.fixture
 def in_torch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """Call a function with what it is given in float64, grids too, and so in torch."""
-    grids = {module: module.grid for module in (leaves, newton)}
+    grids = {module: module.grid for module in (adaptive_cells, equations)}
 
     def call(function: Callable[..., Any], *given: Any, **others: Any) -> Any:
         with monkeypatch.context() as patch:
@@ -63,7 +70,7 @@ def _maps(frames: int, rows: int = 64) -> Tensor:
     return maps
 
 
-LEAVES = {
+ADAPTIVE_CELLS = {
     "cells": (32, 32, 0),
     "cells and texels": (64, 32, 8),
     "a grid that is filtered as it is": (16, 16, 0),
@@ -76,9 +83,9 @@ COUNTS = [1, 4, 5, 8, 15, 17]
 
 
 def _case(name: str, count: int, frames: int = 2) -> tuple[Lobes, objective.Target]:
-    rows, cells, refined = LEAVES[name]
+    rows, cells, refined = ADAPTIVE_CELLS[name]
     maps = _maps(frames, rows)
-    frame = objective.target(maps, places=leaves.leaves(maps, cells, refined))
+    frame = objective.target(maps, places=adaptive_cells.adaptive_cells(maps, cells, refined))
     return alike(Form.ASG, count, tuple(range(frames))), frame
 
 
@@ -94,7 +101,7 @@ def test_what_is_compiled_is_compiled_here() -> None:
 
 
 @pytest.mark.parametrize("count", COUNTS)
-@pytest.mark.parametrize("name", LEAVES)
+@pytest.mark.parametrize("name", ADAPTIVE_CELLS)
 def test_a_step_is_that_of_torch_in_float64(
     name: str, count: int, in_torch: Callable[..., Any]
 ) -> None:
@@ -104,15 +111,15 @@ def test_a_step_is_that_of_torch_in_float64(
     # directions in float32, times the slope of lobes of sharpness 100
     for what in ("values", "gaussian", "scale"):
         _check_near(getattr(shown, what), getattr(exact, what), 1e-5)
-    sizes = objective.sizes(shown.radiance, frame)
-    for what, value in vars(in_torch(objective.sizes, shown.radiance, frame)).items():
+    sizes = objective.loss_terms(shown.radiance, frame)
+    for what, value in vars(in_torch(objective.loss_terms, shown.radiance, frame)).items():
         _check_near(getattr(sizes, what), value, 1e-5)
-    misfit = objective.misfit(shown.radiance, frame, sizes)
-    expected = in_torch(objective.misfit, shown.radiance, frame, sizes)
+    loss_gradient = objective.loss_gradient(shown.radiance, frame, sizes)
+    expected = in_torch(objective.loss_gradient, shown.radiance, frame, sizes)
     for what, value in vars(expected).items():
-        _check_near(getattr(misfit, what), value, 1e-5)
-    found = newton.normal_equations(shown, misfit, frame)
-    expected = in_torch(newton.normal_equations, shown, misfit, frame)
+        _check_near(getattr(loss_gradient, what), value, 1e-5)
+    found = equations.normal_equations(shown, loss_gradient, frame)
+    expected = in_torch(equations.normal_equations, shown, loss_gradient, frame)
     for one, other in zip(found, expected, strict=True):
         assert one.dtype == DOUBLE
         _check_near(one, other, 1e-4)  # sums of a thousand products, some of which cancel
@@ -122,7 +129,7 @@ def test_a_step_is_that_of_torch_in_float64(
 def test_lobes_of_any_width_are_drawn(
     sharpness: tuple[float, float], in_torch: Callable[..., Any]
 ) -> None:
-    for places in (refined_leaves(), plain_leaves(32)):
+    for places in (refined_cells(), plain_cells(32)):
         lobes = lobes_at(Form.ASG, [*CENTRES, *POLES], list(sharpness)).to(torch.float32)[None]
         shown = lobe_images.images(lobes, places)
         exact = in_torch(lobe_images.images, lobes, places)
@@ -137,12 +144,14 @@ def test_frames_that_share_their_map_are_as_if_each_had_its_own() -> None:
     for shared in (frame.places, frame.places.repeated(3)):
         shown = lobe_images.images(many, shared)
         assert torch.equal(shown.values[2], lobe_images.images(lobes, frame.places).values[0])
-    alone = objective.sizes(shown.radiance[:1], frame)
+    alone = objective.loss_terms(shown.radiance[:1], frame)
     for target in (frame, frame.repeated(3)):
-        found = objective.sizes(shown.radiance, target)
+        found = objective.loss_terms(shown.radiance, target)
         assert torch.equal(found.value, alone.value.expand(3))
-        slope = objective.misfit(shown.radiance, target, found).slope
-        assert torch.equal(slope[2], objective.misfit(shown.radiance[:1], frame, alone).slope[0])
+        slope = objective.loss_gradient(shown.radiance, target, found).slope
+        assert torch.equal(
+            slope[2], objective.loss_gradient(shown.radiance[:1], frame, alone).slope[0]
+        )
 
 
 def _equations(lobes: Lobes) -> tuple[Tensor, Tensor]:
@@ -167,14 +176,14 @@ def test_the_solved_step_is_that_of_torch(count: int, some_stay: bool) -> None:
     still = torch.zeros(2, count, dtype=torch.bool) if some_stay else None
     if still is not None:
         still[1, -1] = True
-    expected = newton._solve(hessian, gradient, lobes, damping, still)
+    expected = equations.solve(hessian, gradient, lobes, damping, still)
     found = compiled_parts.solve(hessian, gradient, lobes, damping, still)
     # both in float64; what differs is the order of a hundred thousand products
     torch.testing.assert_close(found, expected, rtol=1e-8, atol=1e-10)
     assert bool((found[0, 0, 5:][gradient[0, 5:8] > 0] == 0).all())
 
 
-@pytest.mark.parametrize("solve", [compiled_parts.solve, newton._solve])
+@pytest.mark.parametrize("solve", [compiled_parts.solve, equations.solve])
 def test_a_system_that_is_not_definite_gives_no_step(solve: Callable[..., Tensor]) -> None:
     lobes = alike(Form.ASG, 2)
     hessian, gradient = _equations(lobes)
@@ -222,7 +231,7 @@ def _near(name: str, count: int, held: str) -> tuple[Lobes, objective.Target, di
 
 
 @pytest.mark.parametrize(("count", "held"), [(1, "none"), (8, "none"), (15, "none"), (15, "held")])
-@pytest.mark.parametrize("name", LEAVES)
+@pytest.mark.parametrize("name", ADAPTIVE_CELLS)
 @pytest.mark.parametrize("steps", [1, 3])
 def test_steps_are_those_of_torch_in_float64(
     name: str, count: int, held: str, steps: int, in_torch: Callable[..., Any]
@@ -264,7 +273,7 @@ def test_frames_side_by_side_take_the_steps_that_each_takes_alone() -> None:
             for name, value in vars(seldom).items()
             if name not in ("compiled", "places")
         }
-        single = objective.Target(places=leaves.Leaves(**places), **own)
+        single = objective.Target(places=adaptive_cells.AdaptiveCells(**places), **own)
         alone = newton.minimise(lobes[[index]], single, 5, tolerance=0.0)
         assert torch.equal(found.value[[index]], alone.value)
         assert torch.equal(found.lobes.axes[[index]], alone.lobes.axes)
@@ -337,7 +346,7 @@ def test_probes_show_what_they_do_in_torch(
 
 
 @pytest.mark.parametrize("count", COUNTS)
-@pytest.mark.parametrize("name", LEAVES)
+@pytest.mark.parametrize("name", ADAPTIVE_CELLS)
 def test_what_is_asked_of_the_light_is_that_of_torch(
     name: str, count: int, in_torch: Callable[..., Any]
 ) -> None:

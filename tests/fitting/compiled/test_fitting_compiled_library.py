@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from leaf_cases import plain_leaves
+from adaptive_cases import plain_cells
 from lobe_cases import DOUBLE, alike
 
 from asglight import c_library as library
@@ -33,13 +33,13 @@ pytestmark = pytest.mark.skipif(
     ],
 )
 def test_other_lobes_are_left_to_torch(other: Callable[[Lobes], Lobes]) -> None:
-    places = plain_leaves(32)
+    places = plain_cells(32)
     assert compiled.serves(alike(Form.ASG), places)
     assert not compiled.serves(other(alike(Form.ASG)), places)
 
 
 def test_grids_with_an_odd_number_of_rows_are_left_to_torch() -> None:
-    assert not compiled.serves(alike(Form.ASG), plain_leaves(15))
+    assert not compiled.serves(alike(Form.ASG), plain_cells(15))
 
 
 def test_without_the_library_steps_are_those_of_torch(

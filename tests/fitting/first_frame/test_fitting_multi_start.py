@@ -14,7 +14,7 @@ from asglight.fitting.first_frame import fit as first_frame
 from asglight.fitting.first_frame import multi_start, reweighting, seeding
 from asglight.fitting.first_frame.fit import Level
 from asglight.fitting.loss import lobe_images, objective
-from asglight.fitting.loss.leaves import Leaves
+from asglight.fitting.loss.adaptive_cells import AdaptiveCells
 from asglight.fitting.loss.objective import Corners
 from asglight.fitting.steps import light, newton
 from asglight.judging.stress import maps as stress_maps
@@ -100,7 +100,7 @@ def test_no_start_goes_once_more_where_none_shall() -> None:
 
 def test_fits_end_on_finer_leaves() -> None:
     frame = first_frame.exposed(sky_and_sun(30.0, 256))
-    fine = first_frame.on_fine_leaves(frame)
+    fine = first_frame.on_fine_cells(frame)
     usual = objective.target(frame.radiance)
     assert fine.places.share.shape[-1] > 3 * usual.places.share.shape[-1]
     assert first_frame.FAST.again == 0 < first_frame.BEST.again
@@ -114,12 +114,12 @@ def test_finer_leaves_see_the_light_of_a_streak_better() -> None:
     streaks = Lobes(axes, sharpness, torch.ones(40, 3), Form.ASG)[None]
     flux = asg.flux(streaks.to(torch.float64))[0, :, 0] / (4 * math.pi)
 
-    def missed(places: Leaves) -> Tensor:
+    def missed(places: AdaptiveCells) -> Tensor:
         shown = lobe_images.images(streaks, places)
         seen = (shown.values * shown.scale[..., None])[0].double() @ places.share[0].double()
         return (seen / flux - 1).abs().mean()
 
-    usual, fine = objective.target(frame.radiance), first_frame.on_fine_leaves(frame)
+    usual, fine = objective.target(frame.radiance), first_frame.on_fine_cells(frame)
     assert missed(usual.places) > 0.01
     assert missed(fine.places) < 0.7 * missed(usual.places)
 
@@ -132,7 +132,7 @@ def test_an_end_is_judged_with_its_light_solved_as_it_will_be() -> None:
     brighter = replace(end, lobes=lobes, shown=replace(end.shown, lobes=lobes))
     assert brighter.shown is not None
     sharp = replace(frame, corners=light.CORNERS)
-    seen = objective.sizes(brighter.shown.radiance, sharp).seen
+    seen = objective.loss_terms(brighter.shown.radiance, sharp).seen
     # of the thirty percent too much hardly any is left, wherever the solution starts
     unsolved = float(objective.of_materials(seen, sharp))
     wrong = [multi_start.lit_wrong(each, frame) for each in (end, brighter)]
@@ -167,7 +167,7 @@ def test_what_materials_show_wrong_is_j_without_the_map() -> None:
     shown = newton.minimise(seeds[0][None], frame, 1).shown
     assert shown is not None
     sharp = replace(frame, corners=light.CORNERS)
-    found = objective.sizes(shown.radiance, sharp)
+    found = objective.loss_terms(shown.radiance, sharp)
     # the map's own: the mean of phi over the sphere, cell by cell and texel by texel
     errors = torch.cat([found.parts.mean(1), found.texels], dim=-1)
     own = (sharp.places.share * errors).sum(-1) / sharp.env_scale - light.CORNERS.env

@@ -37,7 +37,7 @@ def cloudy() -> Tensor:
 
 
 def _frame(reference: Tensor) -> objective.Target:
-    return first_frame.on_fine_leaves(first_frame.exposed(reference))
+    return first_frame.on_fine_cells(first_frame.exposed(reference))
 
 
 def _end(reference: Tensor, count: int = 5) -> newton.Outcome:
@@ -91,7 +91,7 @@ def test_weights_of_j_that_all_grow_alike_scale_it(reference: Tensor) -> None:
     frame = _frame(reference)
     shown = lobe_images.images(_mixture(reference, 4)[None], frame.places)
     twice = frame.with_weights(2.0, (2.0, 2.0, 2.0, 2.0))
-    own, double = (objective.misfit(shown.radiance, each) for each in (frame, twice))
+    own, double = (objective.loss_gradient(shown.radiance, each) for each in (frame, twice))
     for name in ("value", "slope", "env_weight", "view_weight"):
         torch.testing.assert_close(getattr(double, name), 2 * getattr(own, name))
 

@@ -8,8 +8,8 @@ from torch import Tensor
 
 from asglight.fitting.first_frame import split_merge
 from asglight.fitting.loss import lobe_images, objective
-from asglight.fitting.loss.leaves import leaves
-from asglight.fitting.steps import newton
+from asglight.fitting.loss.adaptive_cells import adaptive_cells
+from asglight.fitting.steps import equations, newton
 from asglight.lobes import Form, Lobes, asg, texels
 
 TWO = [(1.0, 0.0, 0.2), (1.0, 0.0, -0.5)]
@@ -88,7 +88,7 @@ def test_it_reports_every_state_that_it_keeps_the_last_one_is_its_result() -> No
 @pytest.mark.parametrize("form", list(Form))
 def test_it_never_gives_back_a_worse_fit_of_noise(form: Form) -> None:
     maps = torch.rand(1, 3, 2 * 64**2, generator=torch.Generator().manual_seed(0)) ** 4
-    frame = objective.target(maps, places=leaves(maps, 32, 16))
+    frame = objective.target(maps, places=adaptive_cells(maps, 32, 16))
     state = newton.minimise(random_lobes(form, 4).to(torch.float32)[None], frame, 5)
     found = split_merge.split_and_merge(state, frame, frame, 2, 0.02)
     assert float(found.value) <= float(state.value)
@@ -122,7 +122,7 @@ def test_each_lobe_is_halved_for_each_of_the_cheapest_worst_ones_first() -> None
     early = splits[: 2 * split_merge.GONE_STEP]
     assert all(s.gone == (1 if s.lobe != 1 else 3) for s in early)
     assert len({s.lobe for s in early}) == split_merge.GONE_STEP
-    # how much of J lies on each: its share of the light at a leaf, of all that lies there
+    # how much of J lies on each: its share of the light at an adaptive cell, of all that lies there
     error = objective.per_cell_loss(shown.radiance, frame)[0].double()
     light = (shown.values[0] * lobes.amplitude[0].sum(-1, keepdim=True)).double()
     lies = (light / light.sum(0) * error).nansum(-1)
@@ -132,8 +132,8 @@ def test_each_lobe_is_halved_for_each_of_the_cheapest_worst_ones_first() -> None
 def test_absence_costs_are_those_of_the_quadratic_without_the_lobe() -> None:
     start, frame = misplaced()
     shown = lobe_images.images(start, frame.places)
-    found = objective.misfit(shown.radiance, frame)
-    hessian = newton.normal_equations(shown, found, frame)[0][0]
+    found = objective.loss_gradient(shown.radiance, frame)
+    hessian = equations.normal_equations(shown, found, frame)[0][0]
     root = torch.diagonal(hessian).clamp(min=1e-12 * float(torch.diagonal(hessian).max())).sqrt()
     hessian = hessian + split_merge.RIDGE * torch.diag(root.square())
     costs, filled = split_merge.leave_one_out_costs(shown, frame)

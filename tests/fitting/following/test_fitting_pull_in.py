@@ -55,8 +55,8 @@ def _narrow(form: Form, seed: int) -> Lobes:
     return replace(lobes, sharpness=sharpness).to(torch.float32)
 
 
-def _leaves_of(maps: Tensor, frame: objective.Target, index: int) -> tuple[Tensor, ...]:
-    """Return directions [P, 3], shares [P] and radiance [P, 3] of one frame's leaves in float64."""
+def _adaptive_of(maps: Tensor, frame: objective.Target, index: int) -> tuple[Tensor, ...]:
+    """Return directions [P, 3], shares [P] and radiance [P, 3] of one frame's cells in float64."""
     places = frame.places
     height, rows, refined = places.fine_rows, places.rows, places.refined[index]
     found = []
@@ -76,7 +76,7 @@ def _leaves_of(maps: Tensor, frame: objective.Target, index: int) -> tuple[Tenso
 @pytest.mark.parametrize("form", list(Form))
 def test_moments_are_those_of_a_dense_sum(form: Form) -> None:
     lobes = stack([_narrow(form, 0), _narrow(form, 3)])
-    # the last far narrower than a leaf, whose integral is mended, within the first
+    # the last far narrower than an adaptive cell, whose integral is mended, within the first
     narrower = torch.tensor([1.0, 1.0, 1.0, 40.0])[:, None]
     axes = lobes.axes[:, [0, 1, 2, 0]]
     lobes = replace(lobes, axes=axes, sharpness=lobes.sharpness * narrower)
@@ -87,7 +87,7 @@ def test_moments_are_those_of_a_dense_sum(form: Form) -> None:
     shown = lobe_images.images(lobes, frame.places)
     found = _drawn(lobes, frame, 0.0)
     for index in range(2):
-        directions, share, radiance = _leaves_of(maps, frame, index)
+        directions, share, radiance = _adaptive_of(maps, frame, index)
         own = (shown.light.sum(-1)[..., None] * shown.values)[index].double()
         taken = own / own.sum(0).clamp(min=1e-37)
         for lobe in range(4):

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images of lobes on leaves against texel means; columns against differences."""
+"""Images of lobes on adaptive cells against texel means; columns against differences."""
 
 import math
 
 import pytest
 import torch
-from leaf_cases import (
+from adaptive_cases import (
     CENTRES,
     PLACES,
     POLES,
@@ -13,17 +13,17 @@ from leaf_cases import (
     at_texel,
     differences,
     lobes_at,
-    plain_leaves,
-    refined_leaves,
+    plain_cells,
+    refined_cells,
     single,
 )
 from lobe_cases import DOUBLE, random_lobes
 
 from asglight.fitting.loss import coordinates, lobe_images
+from asglight.fitting.loss.adaptive_cells import AdaptiveCells
 from asglight.fitting.loss.coordinates import UNKNOWNS
 from asglight.fitting.loss.footprints import footprint
 from asglight.fitting.loss.grid import POWERS
-from asglight.fitting.loss.leaves import Leaves
 from asglight.fitting.loss.lobe_images import COLUMNS
 from asglight.lobes import Form, Lobes, asg, texels
 from asglight.lobes.data import stack
@@ -66,7 +66,7 @@ def _centroid_bound(rows: int, sigma: float) -> torch.Tensor:
 @pytest.mark.parametrize(("sigma", "ratio"), [(1.5, 1.0), (2.0, 1.0), (2.0, 5.0), (4.0, 3.0)])
 def test_values_are_means_over_leaves(form: Form, sigma: float, ratio: float) -> None:
     lobes, rows = _wide(form, sigma, 64, ratio), 64
-    found = lobe_images.images(single(lobes), plain_leaves(rows)).values[0].double()
+    found = lobe_images.images(single(lobes), plain_cells(rows)).values[0].double()
     expected, bound = _means(lobes, rows), _centroid_bound(rows, sigma)
     assert bool(((found - expected).abs() <= bound).all())
     centres = latlong.directions(rows, 2 * rows, dtype=DOUBLE).reshape(-1, 3)
@@ -77,7 +77,7 @@ def test_values_are_means_over_leaves(form: Form, sigma: float, ratio: float) ->
 
 @pytest.mark.parametrize("form", list(Form))
 def test_values_of_texels_in_a_refined_cell_are_those_of_their_own_size(form: Form) -> None:
-    places = refined_leaves()
+    places = refined_cells()
     v, u = (SUN[0] + 0.7) / 256, (SUN[1] + 0.4) / 512
     centre = latlong.direction_from_uv(torch.tensor(u), torch.tensor(v)).tolist()
     sigma = 2.0 * math.pi / 256
@@ -95,8 +95,8 @@ def test_values_of_texels_in_a_refined_cell_are_those_of_their_own_size(form: Fo
     assert float(expected.max()) > 0.9
 
 
-def _flux(lobes: Lobes, places: Leaves) -> torch.Tensor:
-    """Return the integral of each lobe of amplitude 1 as its image on leaves has it.  [N]."""
+def _flux(lobes: Lobes, places: AdaptiveCells) -> torch.Tensor:
+    """Return the integral of each lobe of amplitude 1 as its image has it.  [N]."""
     shown = lobe_images.images(single(lobes), places)
     flux = 4 * math.pi * (shown.values.double() * places.share[:, None]).sum(-1)
     return (flux * shown.scale)[0]
@@ -116,7 +116,7 @@ def test_integrals_of_narrow_lobes_are_exact(form: Form, sharpness: tuple[float,
     if form is Form.BINGHAM:
         bound += 3 / (4 * s**2) + 15 / (8 * s**3)
     torch.testing.assert_close(
-        _flux(lobes, refined_leaves()), asg.integral(lobes), rtol=bound, atol=0
+        _flux(lobes, refined_cells()), asg.integral(lobes), rtol=bound, atol=0
     )
 
 
@@ -127,7 +127,7 @@ def test_integrals_just_above_the_narrowest_broad_lobe_are_below_a_percent_off(f
     for sharpness in (0.99 * edge, 1.01 * edge):  # scaled or not
         lobes = lobes_at(form, CENTRES + PLACES, [sharpness] * 2)
         torch.testing.assert_close(
-            _flux(lobes, refined_leaves()), asg.integral(lobes), rtol=bound, atol=0
+            _flux(lobes, refined_cells()), asg.integral(lobes), rtol=bound, atol=0
         )
 
 
@@ -136,14 +136,14 @@ def test_integrals_just_above_the_narrowest_broad_lobe_are_below_a_percent_off(f
 def test_integrals_of_broad_lobes_are_exact_on_any_grid(form: Form, rows: int) -> None:
     for sharpness in ([0.001, 0.001], [3.0, 0.1], [20.0, 5.0]):
         lobes = lobes_at(form, PLACES + POLES, sharpness)
-        scale = lobe_images.images(single(lobes), plain_leaves(rows)).scale
+        scale = lobe_images.images(single(lobes), plain_cells(rows)).scale
         assert torch.equal(scale, torch.ones_like(scale))
         # the mean of y over a row is 1 - h^2 / 8 of the one at its centre; T of the lobe's centre
         # for all texels, h^2 s / 12 at most; float32
         bound = (math.pi / rows) ** 2 * (1 / 8 + max(sharpness) / 12) + 1e-5
         bound *= TERMS_SHARE if form is Form.FLAT else 1
         torch.testing.assert_close(
-            _flux(lobes, plain_leaves(rows)), asg.integral(lobes), rtol=bound, atol=0
+            _flux(lobes, plain_cells(rows)), asg.integral(lobes), rtol=bound, atol=0
         )
 
 
@@ -153,7 +153,7 @@ def test_a_narrow_lobe_at_a_corner_of_four_cells_keeps_most_of_its_integral(
     form: Form, sharpness: float
 ) -> None:
     lobes = lobes_at(form, [at_texel(32, 30, 64), at_texel(20, 31, 64)], [sharpness] * 2)
-    share = _flux(lobes, plain_leaves(64)) / asg.integral(lobes)
+    share = _flux(lobes, plain_cells(64)) / asg.integral(lobes)
     # a Gaussian of variance 1 / 12 is summed to 2 (6 / pi)^1/2 exp(-3 / 2) of it an axis, 0.38 for
     # both, and the scale is 2 at most: 0.76, at the equator of round cells
     assert bool((share > 0.73).all())
@@ -233,7 +233,7 @@ def test_radiance_is_light_times_scaled_images() -> None:
     lobes = stack(
         [lobes_at(Form.ASG, CENTRES, [1e5, 1e3]), lobes_at(Form.ASG, CENTRES, [9.0, 1.0])]
     )
-    places = refined_leaves().repeated(2)
+    places = refined_cells().repeated(2)
     shown = lobe_images.images(lobes.to(torch.float32), places)
     scaled = shown.values.double() * shown.scale[..., None]
     total = (lobes.amplitude[..., None] * scaled[:, :, None]).sum(1)

@@ -6,22 +6,22 @@ from dataclasses import replace
 
 import pytest
 import torch
-from leaf_cases import (
+from adaptive_cases import (
     CENTRES,
     PLACES,
     POLES,
     differences,
     lobes_at,
-    plain_leaves,
-    refined_leaves,
+    plain_cells,
+    refined_cells,
     single,
 )
 from lobe_cases import DOUBLE, random_lobes
 
 from asglight.fitting.loss import coordinates, lobe_images
+from asglight.fitting.loss.adaptive_cells import AdaptiveCells
 from asglight.fitting.loss.coordinates import UNKNOWNS
 from asglight.fitting.loss.footprints import footprint
-from asglight.fitting.loss.leaves import Leaves
 from asglight.fitting.loss.lobe_images import COLUMNS
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
@@ -60,7 +60,7 @@ def _integral_slopes(lobes: Lobes) -> torch.Tensor:
 
 
 def _slopes(
-    lobes: Lobes, places: Leaves
+    lobes: Lobes, places: AdaptiveCells
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
     """Return slopes of frames of lobes as the fit takes them, with what they should be.
 
@@ -97,7 +97,7 @@ def _slopes(
 @pytest.mark.parametrize("rows", [16, 50])
 def test_slopes_are_the_columns_times_the_slope(form: Form, rows: int) -> None:
     frames = stack([random_lobes(form, count=8, seed=seed) for seed in (0, 1)])
-    found, expected, size, _ = _slopes(frames, plain_leaves(rows, 2))
+    found, expected, size, _ = _slopes(frames, plain_cells(rows, 2))
     # moments are differences: sums in float32, times a sharpness of up to 100
     difference = (found - expected).abs()
     assert bool((difference <= 2e-4 * size + 1e-6).all())
@@ -112,7 +112,7 @@ def test_slopes_of_narrow_lobes_count_texels_and_the_change_of_the_scale(
     form: Form, sharpness: tuple[float, float]
 ) -> None:
     lobes = lobes_at(form, [*CENTRES[:5], *PLACES], list(sharpness))
-    found, expected, size, scale = _slopes(stack([lobes]), refined_leaves())
+    found, expected, size, scale = _slopes(stack([lobes]), refined_cells())
     # a moment along a lobe's width cancels to 1 / s' of the lobe, and again with the light that
     # comes with the width and with the change of the scale, in float32
     seen = min(sharpness[0], 6 / (math.pi / 256) ** 2)
@@ -123,20 +123,23 @@ def test_slopes_of_narrow_lobes_count_texels_and_the_change_of_the_scale(
 
 @pytest.mark.parametrize("form", list(Form))
 def test_everything_is_finite_from_the_broadest_to_the_narrowest_lobe(form: Form) -> None:
-    places = refined_leaves()
+    places = refined_cells()
     for first in (1e-3, 1.0, 49.0, 51.0, 1e4, 1e7):
         for second in (1e-3, 1.0, 49.0, 51.0, 1e4, 1e7):
             lobes = single(lobes_at(form, PLACES + POLES + CENTRES[:2], [first, second]))
             shown = lobe_images.images(lobes, places)
             seen = footprint(lobes, (64, 256, 32))
-            of_leaves = replace(seen, exponent=seen.exponent[:2], derivatives=seen.derivatives[:2])
+            of_adaptive = replace(
+                seen, exponent=seen.exponent[:2], derivatives=seen.derivatives[:2]
+            )
             slope = torch.ones(1, 3, places.share.shape[-1])
-            of_scale = lobe_images.scale_slopes(shown, of_leaves, places)
-            slopes = lobe_images.slopes(shown, of_leaves, of_scale, slope, places)
-            columns = lobe_images.grid_columns(lobes, seen, 2, plain_leaves(32).cells)
+            of_scale = lobe_images.scale_slopes(shown, of_adaptive, places)
+            slopes = lobe_images.slopes(shown, of_adaptive, of_scale, slope, places)
+            columns = lobe_images.grid_columns(lobes, seen, 2, plain_cells(32).cells)
             for found in (shown.values, shown.scale, shown.radiance, slopes, columns):
                 assert bool(found.isfinite().all())
-            # 1 at the peak of a lobe that a leaf resolves; exponents of up to 6 / T in float32
+            # 1 at the peak of a lobe that an adaptive cell resolves; exponents of up to 6 / T in
+            # float32
             assert float(shown.values.min()) >= 0
             assert float(shown.values.max()) <= 1.05
 
@@ -147,24 +150,25 @@ def test_everything_is_finite_from_the_broadest_to_the_narrowest_lobe(form: Form
 def test_columns_of_narrow_lobes_keep_their_integral(
     form: Form, sharpness: tuple[float, float]
 ) -> None:
-    places = refined_leaves()
+    places = refined_cells()
     lobes = lobes_at(form, [*CENTRES[:5], *PLACES], list(sharpness))
     frame = single(lobes)
     sizes = [rows for rows, _, _ in places.levels]
     seen = footprint(frame, [*sizes, 32])
-    of_leaves = replace(seen, exponent=seen.exponent[:-1], derivatives=seen.derivatives[:-1])
+    of_adaptive = replace(seen, exponent=seen.exponent[:-1], derivatives=seen.derivatives[:-1])
     shown = lobe_images.images(frame, places)
-    of_scale = lobe_images.scale_slopes(shown, of_leaves, places)
+    of_scale = lobe_images.scale_slopes(shown, of_adaptive, places)
     parts = [
-        lobe_images.leaf_columns(shown, of_leaves, of_scale, level, monomials)
+        lobe_images.adaptive_columns(shown, of_adaptive, of_scale, level, monomials)
         for level, (_, monomials, _) in enumerate(places.levels)
     ]
-    on_leaves = 4 * math.pi * (torch.cat(parts, dim=-1) @ places.share[0])
-    cells = plain_leaves(32).cells
+    on_adaptive_cells = 4 * math.pi * (torch.cat(parts, dim=-1) @ places.share[0])
+    cells = plain_cells(32).cells
     on_cells = 4 * math.pi * (lobe_images.grid_columns(frame, seen, -1, cells) @ cells.share)
     exact = asg.integral(lobes)
-    for found in (on_leaves, on_cells):
+    for found in (on_adaptive_cells, on_cells):
         means = found[0].unflatten(0, (lobes.count, COLUMNS)).double() / exact[:, None]
-        # the bingham form's integral is Dawson's series; sums in float32, times the leaves' 6 / T
+        # the bingham form's integral is Dawson's series; sums in float32, times the adaptive cells'
+        # 6 / T
         torch.testing.assert_close(means[:, 0], torch.ones(lobes.count).double(), rtol=0, atol=1e-4)
         torch.testing.assert_close(means[:, 1:], _integral_slopes(lobes), rtol=0, atol=0.02)

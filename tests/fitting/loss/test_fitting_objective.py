@@ -10,8 +10,13 @@ from splat_cases import of_texels
 from torch import Tensor
 
 from asglight.fitting.loss import objective, probes
+from asglight.fitting.loss.adaptive_cells import (
+    AdaptiveCells,
+    adaptive_cells,
+    on_adaptive_cells,
+    to_cells,
+)
 from asglight.fitting.loss.grid import grid
-from asglight.fitting.loss.leaves import Leaves, leaves, on_leaves, to_cells
 from asglight.fitting.loss.probes import PROBES
 from asglight.shading import kernels
 from asglight.sphere import latlong
@@ -28,12 +33,12 @@ def _maps(height: int, seed: int = 0, count: int = 2) -> Tensor:
     return 5 * torch.rand(count, height, 2 * height, 3, generator=generator) ** 4
 
 
-def _example(case: tuple[int, int, int]) -> tuple[Tensor, Leaves, Tensor]:
-    """Return two maps, their leaves, and reconstructions on the leaves."""
+def _example(case: tuple[int, int, int]) -> tuple[Tensor, AdaptiveCells, Tensor]:
+    """Return two maps, their adaptive cells, and reconstructions on the adaptive cells."""
     height, rows, refined = case
     maps = _maps(height)
-    places = leaves(flat(maps), rows, refined)
-    return maps, places, 1.2 * on_leaves(flat(_maps(height, seed=1)), places)
+    places = adaptive_cells(flat(maps), rows, refined)
+    return maps, places, 1.2 * on_adaptive_cells(flat(_maps(height, seed=1)), places)
 
 
 def _corner(source: probes.Probe) -> float:
@@ -114,7 +119,7 @@ def _loss_by_definition(fit: Tensor, ref: Tensor, rows: int, refined: list[int])
 def test_value_and_slope_are_those_of_the_definition(case: tuple[int, int, int]) -> None:
     maps, places, fit = _example(case)
     frame = objective.target(flat(maps), CORNERS, places)
-    value, found = objective.value(fit, frame), objective.misfit(fit, frame)
+    value, found = objective.value(fit, frame), objective.loss_gradient(fit, frame)
     # a split that sums in another order: float32
     torch.testing.assert_close(found.value, value, rtol=1e-5, atol=0)
     for index in range(2):
@@ -135,30 +140,32 @@ def test_a_refined_cell_has_no_say_of_its_own() -> None:
     frame = objective.target(flat(maps), CORNERS, places)
     other = fit.scatter(-1, places.refined[:, None].expand(-1, 3, -1), 1e3)
     assert torch.equal(objective.value(other, frame), objective.value(fit, frame))
-    slope = objective.misfit(other, frame).slope
+    slope = objective.loss_gradient(other, frame).slope
     at_cells = slope.gather(-1, places.refined[:, None].expand(-1, 3, -1))
     assert torch.equal(at_cells, torch.zeros_like(at_cells))
 
 
-def _majoriser(away: Tensor, misfit: objective.Misfit, places: Leaves) -> Tensor:
+def _majoriser(
+    away: Tensor, loss_gradient: objective.LossGradient, places: AdaptiveCells
+) -> Tensor:
     """Return slope times `away` and half the weighted squares of what it shows.  [F]."""
-    squares = (misfit.env_weight[:, None] * away.square()).sum((1, 2))
+    squares = (loss_gradient.env_weight[:, None] * away.square()).sum((1, 2))
     views = probes.probe(to_cells(away, places), places.rows)
-    squares += (misfit.view_weight[:, None] * views.square()).sum((1, 2))
-    return (misfit.slope * away).double().sum((1, 2)) + 0.5 * squares
+    squares += (loss_gradient.view_weight[:, None] * views.square()).sum((1, 2))
+    return (loss_gradient.slope * away).double().sum((1, 2)) + 0.5 * squares
 
 
 @pytest.mark.parametrize("case", [(32, 32, 0), (64, 16, 5)])
 def test_weights_make_a_quadratic_that_lies_above_the_loss(case: tuple[int, int, int]) -> None:
     maps, places, fit = _example(case)
     frame = objective.target(flat(maps), places=places)
-    misfit, start = objective.misfit(fit, frame), objective.value(fit, frame)
+    loss_gradient, start = objective.loss_gradient(fit, frame), objective.value(fit, frame)
     noise = torch.randn(fit.shape, generator=torch.Generator().manual_seed(2))
     ref = frame.radiance
     for direction in (noise, noise.abs(), -fit, ref - fit, ref, torch.ones_like(fit)):
         for size in (-3.0, -1.0, -0.1, 0.1, 1.0, 3.0):
             change = objective.value(fit + size * direction, frame) - start
-            above = _majoriser(size * direction, misfit, places)
+            above = _majoriser(size * direction, loss_gradient, places)
             assert bool((change <= above + 1e-5).all())  # J in float32
 
 
@@ -166,12 +173,14 @@ def test_quadratic_touches_the_loss_where_the_error_is_and_at_its_mirror_image()
     # without parts, whose errors differ from the cell's
     maps, places, fit = _example((32, 32, 0))
     frame = objective.target(flat(maps), places=places)
-    misfit, start = objective.misfit(fit, frame), objective.value(fit, frame)
+    loss_gradient, start = objective.loss_gradient(fit, frame), objective.value(fit, frame)
     # phi is even, and so is its majoriser: at minus the error both are what they were
     mirrored = 2 * (frame.radiance - fit)
     # float32
     torch.testing.assert_close(objective.value(fit + mirrored, frame), start, rtol=1e-5, atol=0)
-    assert float(_majoriser(mirrored, misfit, places).abs().max()) < 1e-5 * float(start.min())
+    assert float(_majoriser(mirrored, loss_gradient, places).abs().max()) < 1e-5 * float(
+        start.min()
+    )
 
 
 @pytest.mark.parametrize("case", [(32, 32, 0), (64, 16, 5)])
@@ -180,13 +189,13 @@ def test_quadratic_and_loss_agree_near_the_error(case: tuple[int, int, int]) -> 
     frame = objective.target(flat(maps), places=places)
     near = 1e-2 * (frame.radiance - fit)
     change = objective.value(fit + near, frame) - objective.value(fit, frame)
-    above = _majoriser(near, objective.misfit(fit, frame), places)
+    above = _majoriser(near, objective.loss_gradient(fit, frame), places)
     # they differ by the square of the way
     torch.testing.assert_close(change.double(), above, rtol=2e-2, atol=0)
 
 
-def _flat_over_cells(case: tuple[int, int, int]) -> tuple[objective.Target, Leaves]:
-    """Return maps with detail in the refined cells alone, and their leaves."""
+def _flat_over_cells(case: tuple[int, int, int]) -> tuple[objective.Target, AdaptiveCells]:
+    """Return maps with detail in the refined cells alone, and their adaptive cells."""
     height, rows, refined = case
     factor = height // rows
     maps = _maps(rows).repeat_interleave(factor, 1).repeat_interleave(factor, 2)
@@ -194,19 +203,19 @@ def _flat_over_cells(case: tuple[int, int, int]) -> tuple[objective.Target, Leav
     for index, cell in enumerate(range(7, 7 + 90 * refined, 90)):
         row, column = _block(cell + index, rows, height)
         maps[:, row, column] += detail[:, row, column]
-    places = leaves(flat(maps), rows, refined)
+    places = adaptive_cells(flat(maps), rows, refined)
     return objective.target(flat(maps), CORNERS, places), places
 
 
 @pytest.mark.parametrize("case", [(32, 32, 0), (64, 16, 5)])
 def test_perfect_fit_has_no_loss_no_slope_and_finite_weights(case: tuple[int, int, int]) -> None:
     frame, _ = _flat_over_cells(case)
-    found = objective.misfit(frame.radiance, frame)
+    found = objective.loss_gradient(frame.radiance, frame)
     # phi at 0 is its corner, taken off: what is left is float32 sums
     assert float(found.value.abs().max()) < 1e-5
     assert float(objective.value(frame.radiance, frame).abs().max()) < 1e-5
     # a mean of equal parts is one of them to float32; slopes elsewhere are of the size of a share
-    away = objective.misfit(1.1 * frame.radiance, frame).slope.abs().max()
+    away = objective.loss_gradient(1.1 * frame.radiance, frame).slope.abs().max()
     assert float(found.slope.abs().max()) < 1e-5 * float(away)
     for weight in (found.env_weight, found.view_weight):
         assert bool(weight.isfinite().all())
@@ -242,7 +251,7 @@ def test_going_dark_costs_more_flux_than_everything_else_can_gain() -> None:
 def test_black_maps_have_a_finite_loss() -> None:
     frame = objective.target(torch.zeros(1, 3, 32 * 64))
     assert float(objective.value(torch.zeros(1, 3, 32 * 64), frame)) == pytest.approx(0, abs=1e-5)
-    found = objective.misfit(torch.ones(1, 3, 32 * 64), frame)
+    found = objective.loss_gradient(torch.ones(1, 3, 32 * 64), frame)
     everything = (found.value, found.slope, found.env_weight, found.view_weight)
     assert all(bool(tensor.isfinite().all()) for tensor in everything)
     assert float(found.value) > 1e6
@@ -251,15 +260,15 @@ def test_black_maps_have_a_finite_loss() -> None:
 def test_frames_of_a_batch_do_not_see_each_other() -> None:
     maps, _, _ = _example((64, 16, 5))
     maps = torch.stack([maps[0], 1e3 * maps[1]])
-    places = leaves(flat(maps), 16, 5)
+    places = adaptive_cells(flat(maps), 16, 5)
     assert not torch.equal(places.refined[0], places.refined[1])
-    fit = on_leaves(flat(_maps(64, seed=1)), places)
-    both = objective.misfit(fit, objective.target(flat(maps), places=places))
+    fit = on_adaptive_cells(flat(_maps(64, seed=1)), places)
+    both = objective.loss_gradient(fit, objective.target(flat(maps), places=places))
     for index in range(2):
         one = slice(index, index + 1)
-        alone = leaves(flat(maps[one]), 16, 5)
+        alone = adaptive_cells(flat(maps[one]), 16, 5)
         assert torch.equal(alone.refined[0], places.refined[index])
-        found = objective.misfit(fit[one], objective.target(flat(maps[one]), places=alone))
+        found = objective.loss_gradient(fit[one], objective.target(flat(maps[one]), places=alone))
         # float32 sums in another order
         torch.testing.assert_close(both.value[one], found.value, rtol=1e-5, atol=0)
         bound = 1e-6 * float(found.slope.abs().max())
@@ -269,12 +278,12 @@ def test_frames_of_a_batch_do_not_see_each_other() -> None:
 
 def test_a_repeated_target_judges_each_reconstruction_as_the_one_does() -> None:
     maps, places, fit = _example((64, 16, 5))
-    one = objective.target(flat(maps[:1]), CORNERS, leaves(flat(maps[:1]), 16, 5))
+    one = objective.target(flat(maps[:1]), CORNERS, adaptive_cells(flat(maps[:1]), 16, 5))
     many = one.repeated(3)
     fits = torch.cat([fit[:1], 0.5 * fit[:1], 2 * fit[:1]])
-    found = objective.misfit(fits, many)
+    found = objective.loss_gradient(fits, many)
     for index in range(3):
-        alone = objective.misfit(fits[index : index + 1], one)
+        alone = objective.loss_gradient(fits[index : index + 1], one)
         # float32 sums in another order
         torch.testing.assert_close(found.value[index], alone.value[0], rtol=1e-5, atol=0)
         bound = 1e-6 * float(alone.slope.abs().max())
@@ -292,16 +301,16 @@ def test_the_loss_laid_out_on_the_leaves_is_the_loss(case: tuple[int, int, int])
     even = replace(frame, parts=frame.radiance[:, None, :, : places.count].expand_as(frame.parts))
     laid = objective.per_cell_loss(fit, even).double().sum(-1)
     value = objective.value(fit, even).double()
-    # float32 sums; the corner of the map counts leaf by leaf
+    # float32 sums; the corner of the map counts adaptive cell by adaptive cell
     torch.testing.assert_close(laid, value, rtol=2e-4, atol=0)
 
 
 def test_a_lamp_that_is_missing_has_its_part_of_the_loss_near_itself() -> None:
     maps = torch.full((1, 64, 128, 3), 0.1)
     maps[0, 20, 31] = 300.0
-    places = leaves(flat(maps), 16, 4)
+    places = adaptive_cells(flat(maps), 16, 4)
     frame = objective.target(flat(maps), CORNERS, places)
-    dark = on_leaves(flat(torch.full_like(maps, 0.1)), places)
+    dark = on_adaptive_cells(flat(torch.full_like(maps, 0.1)), places)
     laid = objective.per_cell_loss(dark, frame)[0]
     lamp = grid(64).directions[20 * 128 + 31]
     near = (places.directions[0].mT @ lamp) > 0.87  # 30 degrees: all but the broad probes
@@ -314,13 +323,13 @@ def test_a_lamp_that_is_missing_has_its_part_of_the_loss_near_itself() -> None:
 def test_the_loss_of_some_lobes_on_what_others_leave_is_that_of_all() -> None:
     maps, places, others = _example((64, 16, 5))
     frame = objective.target(flat(maps), CORNERS, places)
-    some = 0.3 * on_leaves(flat(_maps(64, seed=2)), places)
+    some = 0.3 * on_adaptive_cells(flat(_maps(64, seed=2)), places)
     left = objective.less(frame, others)
-    whole = objective.sizes(some + others, frame)
-    rest = objective.sizes(some, left)
+    whole = objective.loss_terms(some + others, frame)
+    rest = objective.loss_terms(some, left)
     torch.testing.assert_close(rest.value, whole.value, rtol=1e-5, atol=1e-6)
     torch.testing.assert_close(rest.seen, whole.seen, rtol=1e-4, atol=1e-5)
     slope, wanted = (
-        objective.misfit(*each).slope for each in ((some, left), (some + others, frame))
+        objective.loss_gradient(*each).slope for each in ((some, left), (some + others, frame))
     )
     torch.testing.assert_close(slope, wanted, rtol=1e-3, atol=1e-6)

@@ -6,8 +6,8 @@ import pytest
 import torch
 from splat_cases import along, of_texels
 
+from asglight.fitting.loss.adaptive_cells import adaptive_cells, on_adaptive_cells, to_cells
 from asglight.fitting.loss.grid import coarsen, grid
-from asglight.fitting.loss.leaves import leaves, on_leaves, to_cells
 from asglight.fitting.loss.splatting import neighbours, weights
 from asglight.shading import kernels
 from asglight.sphere.quadrature import fibonacci_directions
@@ -25,8 +25,8 @@ def test_weights_are_those_of_scipy_s_interpolation(factor: int) -> None:
 @pytest.mark.parametrize(("height", "rows"), [(12, 4), (16, 8), (20, 4), (18, 6)])
 def test_cells_hold_the_light_that_scipy_s_interpolation_brings(height: int, rows: int) -> None:
     images = torch.rand(1, 3, 2 * height**2, generator=torch.Generator().manual_seed(1))
-    places = leaves(images, rows, 2 * rows**2)  # all refined: both poles and the seam
-    found = to_cells(on_leaves(images, places), places)[0].double()
+    places = adaptive_cells(images, rows, 2 * rows**2)  # all refined: both poles and the seam
+    found = to_cells(on_adaptive_cells(images, places), places)[0].double()
     texels = torch.arange(2 * height**2)
     expected = images[0].double() @ of_texels(texels, height, rows).mT
     # sums of some hundred float32 products
@@ -43,7 +43,7 @@ def test_a_material_sees_a_lamp_of_one_texel_at_its_own_place(
     lamp = torch.zeros(1, 1, 2 * height**2)
     texel = row * 2 * height
     lamp[..., texel] = 1.0
-    places = leaves(lamp, rows, 1)
+    places = adaptive_cells(lamp, rows, 1)
     views = fibonacci_directions(500, dtype=torch.float64)
     cosine = views @ grid(height).directions[texel].double()
     exact = kernels.kernel_values(kernel, cosine).double() * float(grid(height).share[texel])
@@ -54,7 +54,7 @@ def test_a_material_sees_a_lamp_of_one_texel_at_its_own_place(
         return float((weight @ cells[0, 0].double() - exact).abs().sum() / exact.sum())
 
     # what no quartic follows: GGX 0.25 over three cells, the corner of Lambert's at the horizon
-    found = error(to_cells(on_leaves(lamp, places), places))
+    found = error(to_cells(on_adaptive_cells(lamp, places), places))
     assert found < bound
     assert found < 0.1 * error(coarsen(lamp, height, rows))
 

@@ -10,8 +10,8 @@ from lobe_cases import DOUBLE, lamps, noise, random_lobes
 from torch import Tensor
 
 from asglight.fitting.loss import objective, temporal
+from asglight.fitting.loss.adaptive_cells import adaptive_cells
 from asglight.fitting.loss.coordinates import UNKNOWNS, advance, is_round
-from asglight.fitting.loss.leaves import leaves
 from asglight.fitting.steps import newton
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
@@ -163,7 +163,7 @@ def test_steps_from_any_start_stay_finite_with_the_term(form: Form, exposure: fl
     lobes = Lobes(axes, widths.expand(-1, 2, 2), pairs[:, None, 2:].expand(-1, 2, 3), form)
     lobes = replace(lobes, amplitude=lobes.amplitude * torch.tensor([[1.0], [0.3]]))
     maps = exposure * noise(32)
-    frame = objective.target(maps, places=leaves(maps, 16, 4)).repeated(len(pairs))
+    frame = objective.target(maps, places=adaptive_cells(maps, 16, 4)).repeated(len(pairs))
     found = newton.minimise(lobes, frame, 4, priors=[temporal.prior(lobes)])
     everything = (found.value, found.damping, found.lobes.axes)
     for tensor in (*everything, found.lobes.sharpness, found.lobes.amplitude):

@@ -13,7 +13,7 @@ from lobe_cases import DOUBLE, flat, lamps, random_lobes, shown, target
 from torch import Tensor
 
 from asglight.fitting.loss import lobe_images, objective, probes
-from asglight.fitting.loss.leaves import leaves, to_cells
+from asglight.fitting.loss.adaptive_cells import adaptive_cells, to_cells
 from asglight.fitting.steps import light
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
@@ -30,7 +30,7 @@ def _env_rows(
     """Return the weighted rows of the map's error, in float64, from the parts and the texels.
 
     Args:
-        values: Each lobe on the leaves.  [N, P]
+        values: Each lobe on the adaptive cells.  [N, P]
         fit: What they show.  [3, P]
         ref: The map.  [H, 2 H, 3]
         frame: The target, for its scale and corner.
@@ -63,7 +63,7 @@ def _solved_by_scipy(lobes: Lobes, frame: objective.Target, ref: Tensor, index: 
     images = lobe_images.images(lobes, places)
     values = (images.values * images.scale[..., None])[index].double()
     fit = lobes.amplitude[index].double().mT @ values
-    found = objective.misfit(images.radiance, frame)
+    found = objective.loss_gradient(images.radiance, frame)
     pieces = [_env_rows(values, fit, ref, frame, index)]
     on_cells = to_cells(images.values * images.scale[..., None], places)[index]
     truth = to_cells(frame.radiance, places)[index]
@@ -136,7 +136,7 @@ def test_solving_amplitudes_finds_known_light_again_from_black() -> None:
     truth = lamps([(0, 1, 0.2), (1, 0.2, 0), (-0.5, 0.3, -1)], [2.0, 30.0, 900.0], [1.0, 8.0, 5.0])
     colours = truth.amplitude * torch.tensor([1.0, 0.5, 0.0])
     truth = replace(truth, amplitude=colours)[None]
-    radiance = lobe_images.images(truth, leaves(torch.zeros(1, 3, 2 * 64**2))).radiance
+    radiance = lobe_images.images(truth, adaptive_cells(torch.zeros(1, 3, 2 * 64**2))).radiance
     black = replace(truth, amplitude=torch.zeros(1, 3, 3))
     found = with_amplitudes(black, objective.target(radiance)).amplitude[0]
     # what is left of the error after a pass is that of the ridge and of float32
@@ -210,8 +210,8 @@ def test_leave_one_out_costs_are_what_the_majoriser_grows_by() -> None:
     found = light.leave_one_out_costs(seen, frame)[0]
     values = (seen.values * seen.scale[..., None])[0].double()
     views = probes.probe(to_cells(values.float(), frame.places), frame.places.rows).double()
-    misfit = objective.misfit(seen.radiance, frame)
-    weight = misfit.env_weight[0].double(), misfit.view_weight[0].double()
+    loss_gradient = objective.loss_gradient(seen.radiance, frame)
+    weight = loss_gradient.env_weight[0].double(), loss_gradient.view_weight[0].double()
     gram = sum((x * w) @ x.mT for x, w in zip((values, views), weight, strict=True))
     amplitude = lobes.amplitude.double()
     for gone in range(3):

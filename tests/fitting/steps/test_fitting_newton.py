@@ -10,14 +10,14 @@ import torch
 from lobe_cases import DOUBLE, KNOWN, alike, flat, lamps, noise, random_lobes, shown, target
 from torch import Tensor
 
-from asglight.fitting.loss import leaves as leaves_module
+from asglight.fitting.loss import adaptive_cells as cells_module
 from asglight.fitting.loss import lobe_images, objective, temporal
+from asglight.fitting.loss.adaptive_cells import adaptive_cells
 from asglight.fitting.loss.coordinates import UNKNOWNS, advance
 from asglight.fitting.loss.footprints import footprint
 from asglight.fitting.loss.grid import POWERS, Grid, coarser, grid
-from asglight.fitting.loss.leaves import leaves
 from asglight.fitting.loss.probes import probe
-from asglight.fitting.steps import newton
+from asglight.fitting.steps import equations, newton
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes import flat as flat_form
 from asglight.sphere import latlong
@@ -25,7 +25,7 @@ from asglight.sphere import latlong
 
 def _equations(lobes: Lobes, frame: objective.Target) -> tuple[Tensor, Tensor]:
     shown = lobe_images.images(lobes.to(torch.float32), frame.places)
-    return newton.normal_equations(shown, objective.misfit(shown.radiance, frame), frame)
+    return equations.normal_equations(shown, objective.loss_gradient(shown.radiance, frame), frame)
 
 
 def _loss(lobes: Lobes, frame: objective.Target) -> Tensor:
@@ -43,14 +43,14 @@ def double(monkeypatch: pytest.MonkeyPatch) -> None:
         monomials = torch.stack([x**i * y**j * z**k for i, j, k in POWERS])
         return replace(found, monomials=monomials, share=found.share.double())
 
-    monkeypatch.setattr(leaves_module, "grid", fine)
-    monkeypatch.setattr(newton, "grid", fine)
+    monkeypatch.setattr(cells_module, "grid", fine)
+    monkeypatch.setattr(equations, "grid", fine)
 
 
 def _gradient(lobes: Lobes, frame: objective.Target) -> Tensor:
     shown = lobe_images.images(lobes, frame.places)
-    found = objective.misfit(shown.radiance, frame)
-    return newton.normal_equations(shown, found, frame)[1].reshape(-1, UNKNOWNS)
+    found = objective.loss_gradient(shown.radiance, frame)
+    return equations.normal_equations(shown, found, frame)[1].reshape(-1, UNKNOWNS)
 
 
 def _differences(lobes: Lobes, frame: objective.Target) -> Tensor:
@@ -110,9 +110,9 @@ def _dense_matrix(lobes: Lobes, frame: objective.Target, rows: int) -> Tensor:
     Lobes are in float64, [F, N, .]; the cells carry the weights of the frame's cells.
     """
     shown = lobe_images.images(lobes.to(torch.float32), frame.places)
-    misfit, places = objective.misfit(shown.radiance, frame), frame.places
-    of_leaves = footprint(lobes.to(torch.float32), [size for size, *_ in places.levels])
-    of_scale = lobe_images.scale_slopes(shown, of_leaves, places).double()
+    loss_gradient, places = objective.loss_gradient(shown.radiance, frame), frame.places
+    of_adaptive = footprint(lobes.to(torch.float32), [size for size, *_ in places.levels])
+    of_scale = lobe_images.scale_slopes(shown, of_adaptive, places).double()
     exact = replace(shown, lobes=lobes, scale=shown.scale.double())
     if shown.terms is not None:
         own = replace(shown.terms, lobes=flat_form.terms(lobes), scale=shown.terms.scale.double())
@@ -122,17 +122,20 @@ def _dense_matrix(lobes: Lobes, frame: objective.Target, rows: int) -> Tensor:
     coarse = replace(coarse, monomials=coarse.monomials.double(), share=coarse.share.double())
     levels = [lobe_images.grid_columns(lobes, seen, 0, coarse)]
     for level, (_, each, _) in list(enumerate(places.levels))[1:]:
-        levels.append(lobe_images.leaf_columns(exact, seen, of_scale, level, each.double()))
+        levels.append(lobe_images.adaptive_columns(exact, seen, of_scale, level, each.double()))
     fewer = places.rows // rows
-    cells = misfit.env_weight[:, : places.count].double()
+    cells = loss_gradient.env_weight[:, : places.count].double()
     cells = cells.reshape(-1, rows, fewer, 2 * rows, fewer).sum((2, 4)).flatten(1)
-    weights = [cells, misfit.env_weight[:, places.count :].double()]
+    weights = [cells, loss_gradient.env_weight[:, places.count :].double()]
     total = torch.zeros(len(cells), lobes.count * UNKNOWNS, lobes.count * UNKNOWNS, dtype=DOUBLE)
     for level, images in enumerate(levels):
         changes = _changes(images.unflatten(1, (lobes.count, -1)), lobes.amplitude)
         total += torch.einsum("ficp,fp,fjcp->fij", changes, weights[level], changes)
         if level == 0:
-            views, weight = probe(changes.float(), rows).double(), misfit.view_weight.double()
+            views, weight = (
+                probe(changes.float(), rows).double(),
+                loss_gradient.view_weight.double(),
+            )
             total += torch.einsum("ficp,fp,fjcp->fij", views, weight, views)
     return total
 
@@ -162,7 +165,7 @@ def test_matrix_is_the_dense_sum_over_its_cells(form: Form, case: tuple[int, int
         means = [texels.texel_means(lobes[one], height, 2 * height) for one in (0, 1)]
         maps = maps + 10 * flat(torch.stack(means))
     frame = target(maps, rows, refined)
-    expected = _dense_matrix(lobes.to(DOUBLE), frame, coarser(rows, newton.CURVATURE_ROWS))
+    expected = _dense_matrix(lobes.to(DOUBLE), frame, coarser(rows, equations.CURVATURE_ROWS))
     # float32 sums over thousands of cells; exponents as large as the sharpness of narrow lobes
     assert _off_by(_equations(lobes, frame)[0], expected) < (2e-3 if refined else 2e-5)
 
@@ -170,7 +173,7 @@ def test_matrix_is_the_dense_sum_over_its_cells(form: Form, case: tuple[int, int
 @pytest.mark.parametrize("form", list(Form))
 def test_matrix_of_wide_lobes_is_the_one_summed_over_every_leaf(form: Form) -> None:
     lobes, frame = alike(form, seeds=(2,)), target(noise(128), 64, 16)
-    wide = texels.lobe_width(lobes[0]) >= 1.5 * math.pi / newton.CURVATURE_ROWS
+    wide = texels.lobe_width(lobes[0]) >= 1.5 * math.pi / equations.CURVATURE_ROWS
     lobes = lobes.select(wide)
     assert lobes.count >= 3
     expected = _dense_matrix(lobes.to(DOUBLE), frame, 64)
@@ -186,7 +189,7 @@ def _found_again(truth: Lobes, frame: objective.Target) -> Lobes:
 
 
 def test_minimise_finds_known_lobes_again() -> None:
-    places = leaves(torch.zeros(1, 3, 2 * 64**2))
+    places = adaptive_cells(torch.zeros(1, 3, 2 * 64**2))
     frame = objective.target(lobe_images.images(KNOWN[None], places).radiance)
     found = _found_again(KNOWN, frame)
     assert float((found.axis_z * KNOWN.axis_z).sum(-1).min()) > 1 - 1e-6  # 0.08 degrees
@@ -198,7 +201,8 @@ def test_minimise_finds_known_lobes_again() -> None:
 def test_minimise_finds_lobes_again_from_their_texel_means() -> None:
     found = _found_again(KNOWN, shown(KNOWN, 128))
     assert float((found.axis_z * KNOWN.axis_z).sum(-1).min()) > 1 - 1e-6  # 0.08 degrees
-    # a leaf's footprint is its second moment: the fourth is left, (cell / sigma)^4 / 240 at 1.5
+    # an adaptive cell's footprint is its second moment: the fourth is left, (cell / sigma)^4 / 240
+    # at 1.5
     torch.testing.assert_close(found.sharpness, KNOWN.sharpness, rtol=5e-3, atol=5e-3)
     torch.testing.assert_close(found.amplitude, KNOWN.amplitude, rtol=5e-3, atol=5e-3)
 

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from asglight.fitting.first_frame.fit import exposed
-from asglight.fitting.loss import leaves, lobe_images, objective
-from asglight.fitting.steps import newton
+from asglight.fitting.loss import adaptive_cells, lobe_images, objective
+from asglight.fitting.steps import equations
 from asglight.judging.stress import gradient as stress_gradient
 from asglight.judging.stress.maps import constant, lobe, sun_and_sky, together, toward
 from asglight.lobes import Form, Lobes
@@ -29,7 +29,9 @@ def test_the_derivative_of_the_fit_is_that_of_its_loss(form: Form) -> None:
 
 def test_the_loss_written_down_once_more_is_the_loss_of_the_fit() -> None:
     frame = exposed(sun_and_sky())
-    places = leaves.leaves(frame.radiance, stress_gradient.ROWS, stress_gradient.REFINED)
+    places = adaptive_cells.adaptive_cells(
+        frame.radiance, stress_gradient.ROWS, stress_gradient.REFINED
+    )
     target = objective.target(frame.radiance, objective.Corners(), places)
     values = []
     for lobes in (lamps(), lamps().select(torch.tensor([0, 2]))):
@@ -46,7 +48,7 @@ def test_the_loss_written_down_once_more_is_the_loss_of_the_fit() -> None:
 def test_a_gradient_that_is_wrong_is_off_by_that(
     factor: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    exact = newton.normal_equations
+    exact = equations.normal_equations
 
     def wrong(*arguments: object) -> tuple[torch.Tensor, torch.Tensor]:
         hessian, gradient = exact(*arguments)  # pyright: ignore
@@ -55,7 +57,7 @@ def test_a_gradient_that_is_wrong_is_off_by_that(
         gradient[:, 2::8] *= factor  # and a width
         return hessian, gradient
 
-    monkeypatch.setattr(newton, "normal_equations", wrong)
+    monkeypatch.setattr(equations, "normal_equations", wrong)
     error = stress_gradient.gradient_error(lamps(), sun_and_sky())
     assert error is not None
     assert error > 0.02

@@ -16,7 +16,7 @@ from asglight.lobes import Lobes, asg
 def solve(
     hessian: Tensor, gradient: Tensor, lobes: Lobes, damping: Tensor, still: Tensor | None
 ) -> Tensor:
-    """Return `newton._solve`."""
+    """Return `equations.solve`."""
     found = torch.empty(*lobes.sharpness.shape[:2], 8, dtype=torch.float64)
     given = hessian.contiguous(), gradient, lobes.sharpness, lobes.amplitude, damping, still
     least = c_float(asg.SHARPNESS_MIN)

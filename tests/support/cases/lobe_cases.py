@@ -9,7 +9,7 @@ from torch import Tensor
 
 from asglight.fitting.first_frame.fit import FrameFit
 from asglight.fitting.loss import objective
-from asglight.fitting.loss.leaves import leaves
+from asglight.fitting.loss.adaptive_cells import adaptive_cells
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import StepCallback, fit_frame
 from asglight.lobes import Form, Lobes, texels
@@ -61,8 +61,8 @@ def noise(height: int = 32, count: int = 1) -> Tensor:
 
 
 def target(maps: Tensor, rows: int = 64, refined: int = 0) -> objective.Target:
-    """Return the target of maps on so many leaves.  [F, 3, P]."""
-    return objective.target(maps, places=leaves(maps, rows, refined))
+    """Return the target of maps on so many adaptive cells.  [F, 3, P]."""
+    return objective.target(maps, places=adaptive_cells(maps, rows, refined))
 
 
 def shown(lobes: Lobes, height: int) -> objective.Target:

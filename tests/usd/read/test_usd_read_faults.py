@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from pxr import Gf, Sdf
+from pxr import Gf, Sdf, Usd
 from usd_tracks import edited, moving, write_every
 
 from asglight.errors import InputError
@@ -144,3 +144,27 @@ def test_a_damaged_value_is_named_with_its_place(name, sound):
     finally:
         sound.write_bytes(before)
     assert re.search(message, found), found
+
+
+@pytest.mark.parametrize(
+    ("lights", "found"),
+    [
+        ([], "holds no AsgLobeAPI prim; expected the lobes of a stage that asglight wrote"),
+        (["DistantLight"], "holds 1 DistantLight, and no AsgLobeAPI prim; expected the lobes"),
+        (
+            ["RectLight", "RectLight", "DomeLight"],
+            "holds 1 DomeLight, 2 RectLight, and no AsgLobeAPI prim; expected the lobes of a",
+        ),
+    ],
+)
+def test_a_stage_by_others_is_told_by_what_it_holds(lights, found, tmp_path):
+    path = tmp_path / "theirs.usda"
+    stage = Usd.Stage.CreateNew(str(path))
+    for index, kind in enumerate(lights):
+        stage.DefinePrim(f"/World/light_{index}", kind)
+    stage.GetRootLayer().Save()
+    with pytest.raises(InputError) as caught:
+        read_usd(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: {found}")
+    assert message.endswith("Fit the environment's images: asglight fit INPUT -o STAGE.")

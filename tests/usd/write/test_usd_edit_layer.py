@@ -105,9 +105,10 @@ def fit(folder: Path, form: Form = Form.ASG, name: str = "fit.usda") -> tuple[Pa
 
 
 @pytest.mark.parametrize("lobe", range(3), ids=["fill", "soft", "single"])
-@pytest.mark.parametrize("form", Form)
 @pytest.mark.parametrize(
-    ("frames", "extension"), [(slice(None), "usda"), (slice(2, 3), "usdc")], ids=["all", "one"]
+    ("form", "frames", "extension"),
+    [(form, slice(None), "usda") for form in Form]
+    + [(form, slice(2, 3), "usdc") for form in (Form.ASG, Form.BINGHAM)],
 )
 def test_the_layer_shows_what_writing_the_edit_shows(form, frames, extension, lobe, tmp_path):
     path, tracks = fit(tmp_path, form)

@@ -1,87 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An artist's work in the real window: named, saved, asked about, kept, opened; never lost."""
+"""An artist's work in the real window: named, saved, asked about; never lost."""
 
-import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
-import windows
 from imgui_bundle import imgui
-from places import SUPPORT
-from windows import Drive, Driven, wait_for
+from windows import Drive, Driven, brighten, press, wait_for
 
-from asglight.images import write_exr
-from asglight.images.frame_files import sequence_of
 from asglight.lobes import LobeTracks
-from asglight.usd import read_usd, write_usd
-from asglight.viewer.io import native
-from asglight.viewer.io.autosave import Autosave
-from asglight.viewer.io.browsing import Kind, listed
-from asglight.viewer.state.display import Comparison
+from asglight.usd import read_usd
+from asglight.viewer.io.browsing import Kind
 from asglight.viewer.state.edits.edit import (
-    Add,
-    Delete,
-    Mute,
-    Rename,
-    Restore,
-    Span,
     scale_amplitude,
-    turn,
 )
-from asglight.viewer.state.session import Session, no_lobes
+from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Request
 
 CTRL = int(imgui.Key.mod_ctrl)
 
-
-@pytest.fixture
-def stage(two_lamps: LobeTracks, tmp_path: Path) -> Path:
-    """Write two lamps as `shot.usda`, alone in a folder."""
-    path = tmp_path / "shot" / "shot.usda"
-    path.parent.mkdir()
-    write_usd(two_lamps, path, dome_height=2)
-    return path
-
-
-@pytest.fixture
-def drive_stage(drive: Drive, stage: Path) -> Callable[..., None]:
-    """Open a window on that stage, on a system without dialogs of its own."""
-
-    def _drive(script: Callable[[Any, Driven], None], **options: Any) -> None:
-        windows.drive(read_usd(stage), script, stage=stage, **options)
-
-    return _drive
-
-
-@pytest.fixture(autouse=True)
-def _no_system_dialog(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(native, "has_dialog", lambda: False)
-
-
-def brighten(driven: Driven, lobe: int = 0) -> None:
-    driven.state.history.add(scale_amplitude(lobe, None, 1.0))
-
-
-def press(test: Any, *labels: str) -> None:
-    for label in labels:
-        test.item_click(f"//$FOCUSED/{label}")
-        test.yield_(2)
-
-
-def sequence(folder: Path, frames: tuple[int, ...] = (1001, 1002, 1004)) -> Path:
-    folder.mkdir(exist_ok=True)
-    for frame in frames:
-        write_exr(folder / f"sky.{frame}.exr", torch.full((8, 16, 3), frame / 1000))
-    return folder
+pytestmark = pytest.mark.usefixtures("no_system_dialog")
 
 
 def test_without_a_system_dialog_edits_are_saved_through_the_windows_own(
@@ -117,65 +59,6 @@ def test_without_a_system_dialog_the_picture_is_saved_through_the_windows_own(
 
     drive_stage(script)
     assert stage.with_name("shot.1001.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_the_browser_lists_a_sequence_as_one_and_opens_it(
-    drive_stage: Callable[..., None], stage: Path
-) -> None:
-    sequence(stage.parent / "plates")
-
-    def script(test: Any, driven: Driven) -> None:
-        test.key_press(CTRL | int(imgui.Key.o))
-        test.yield_(2)
-        io = imgui.get_io()  # a slow machine is no slow hand
-        io.mouse_double_click_time, io.mouse_single_click_delay = 60, 61
-        test.item_double_click("**/##entry0")
-        test.yield_(2)
-        browser = driven.window.documents.browser
-        assert browser is not None
-        assert browser.folder.name == "plates"
-        test.item_double_click("**/##entry0")
-        wait_for(test, driven, "Opened sky.####.exr.")
-        assert driven.state.references is not None
-        assert driven.state.references.frames == (1001, 1002, 1004)
-
-    drive_stage(script)
-
-
-def test_escape_leaves_the_browser_and_opens_nothing(drive_stage: Callable[..., None]) -> None:
-    def script(test: Any, driven: Driven) -> None:
-        driven.state.select(1)
-        test.key_press(CTRL | int(imgui.Key.o))
-        test.yield_(2)
-        test.key_press(int(imgui.Key.escape))
-        test.yield_(2)
-        assert driven.window.documents.browser is None
-        assert driven.state.selection.lobe == 1
-
-    drive_stage(script)
-
-
-def test_a_folder_that_cannot_be_listed_leaves_its_reason(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"gone: cannot be listed \(No such file.*Check the path"):
-        listed(tmp_path / "gone")
-
-
-def test_a_folder_lists_folders_stages_sequences_and_stills(stage: Path) -> None:
-    folder = sequence(stage.parent)
-    write_exr(folder / "still.exr", torch.zeros(4, 8, 3))
-    (folder / ".hidden").mkdir()
-    (folder / "plates").mkdir()
-    (folder / "notes.txt").write_text("x")
-    found = [(entry.title, entry.kind) for entry in listed(folder)]
-    assert found == [
-        ("plates/", Kind.FOLDER),
-        ("shot.usda", Kind.STAGE),
-        ("sky.####.exr 1001-1004", Kind.SEQUENCE),
-        ("still.exr", Kind.IMAGE),
-    ]
-    assert sequence_of(folder / "sky.1002.exr") == str(folder / "sky.####.exr")
-    assert sequence_of(folder / "still.exr") is None
-    assert sequence_of(folder / "gone.exr") is None
 
 
 def test_the_title_is_marked_while_edits_are_unsaved(
@@ -353,176 +236,6 @@ def test_edits_of_a_running_fit_stay_when_new_frames_come(two_lamps: LobeTracks)
     assert state.history.is_unsaved
 
 
-CRASH = """
-import os, sys
-from pathlib import Path
-import windows
-from asglight.usd import read_usd
-from asglight.viewer.state.edits.edit import scale_amplitude
-
-stage, kept = map(Path, sys.argv[1:])
-
-def script(test, driven):
-    driven.state.history.add(scale_amplitude(0, None, 1.0))
-    driven.state.toggle_mute(1)
-    while not list(kept.glob("*.json")):
-        test.yield_()
-    os._exit(9)
-
-windows.drive(read_usd(stage), script, stage=stage, autosaves=kept)
-"""
-
-
-def test_edits_are_offered_after_a_crash(
-    drive_stage: Callable[..., None], stage: Path, tmp_path: Path, two_lamps: LobeTracks
-) -> None:
-    kept = tmp_path / "unsaved"
-    support = SUPPORT
-    path = os.pathsep.join([str(support), os.environ.get("PYTHONPATH", "")])
-    crashed = subprocess.run(
-        [sys.executable, "-c", CRASH, str(stage), str(kept)],
-        env={**os.environ, "PYTHONPATH": path},
-        timeout=60,
-    )
-    assert crashed.returncode == 9
-
-    def script(test: Any, driven: Driven) -> None:
-        question = driven.window.documents.question
-        assert question is not None
-        assert question.text.startswith("asglight ended before 2 edits of shot.usda could be saved")
-        test.yield_(2)
-        press(test, "Restore them")
-        assert driven.state.message == "Restored 2 edits. They are not saved yet."
-        torch.testing.assert_close(
-            driven.state.tracks.lobes.amplitude[:, 0], 2 * two_lamps.lobes.amplitude[:, 0]
-        )
-        assert driven.state.lit == (0,)
-        assert driven.state.history.is_unsaved
-        driven.window.save(Request.SAVE_EDITS, stage.with_name("edits.usda"))
-        wait_for(test, driven, "Saved edits.usda.")
-        test.yield_(3)
-        assert not list(kept.glob("*.json"))  # what is saved is not offered again
-
-    drive_stage(script, autosaves=kept)
-
-
-def test_kept_edits_can_be_discarded(drive_stage: Callable[..., None], tmp_path: Path) -> None:
-    kept = tmp_path / "unsaved"
-
-    def edit(test: Any, driven: Driven) -> None:
-        brighten(driven)
-        for _ in range(windows.WAIT_PICTURES):
-            if kept.is_dir() and list(kept.glob("*.json")):
-                return
-            test.yield_()
-        raise AssertionError
-
-    def discard(test: Any, driven: Driven) -> None:
-        test.yield_(2)
-        press(test, "Discard them")
-        assert not driven.state.history.is_changed
-        assert not list(kept.glob("*.json"))
-
-    drive_stage(edit, autosaves=kept)  # ends without an answer of the user
-    drive_stage(discard, autosaves=kept)
-
-
-@pytest.mark.parametrize("content", ["", "{}", '{"lobes": [], "frames": [], "steps": []}'])
-def test_kept_edits_of_other_lobes_or_damaged_ones_are_not_offered(
-    drive_stage: Callable[..., None], stage: Path, tmp_path: Path, content: str
-) -> None:
-    autosave = Autosave(tmp_path, stage)
-    autosave.path.write_text(content)
-    autosave.close()
-
-    def script(test: Any, driven: Driven) -> None:
-        assert driven.window.documents.question is None
-
-    drive_stage(script, autosaves=tmp_path)
-
-
-def test_a_folder_that_cannot_keep_edits_is_said(
-    drive_stage: Callable[..., None], tmp_path: Path
-) -> None:
-    blocked = tmp_path / "file"
-    blocked.write_text("no folder")
-
-    def script(test: Any, driven: Driven) -> None:
-        brighten(driven)
-        wait_for(test, driven, f"{blocked}: cannot be made (File exists); expected a folder for")
-
-    drive_stage(script, autosaves=blocked)
-
-
-def test_one_image_of_a_sequence_opens_the_shots_sequence(
-    drive_stage: Callable[..., None], stage: Path
-) -> None:
-    folder = sequence(stage.parent / "plates")
-
-    def script(test: Any, driven: Driven) -> None:
-        driven.window.dropped([str(folder / "sky.1001.exr")])
-        wait_for(test, driven, "Opened sky.1001.exr.")
-        references = driven.state.references
-        assert references is not None
-        for frame in (1001, 1004):  # frame 1004 is compared with its own image
-            np.testing.assert_allclose(references.wait(frame, 10), frame / 1000, rtol=1e-3)
-
-    drive_stage(script)
-
-
-def test_a_still_that_is_held_says_which_image_it_is(
-    drive_stage: Callable[..., None], stage: Path
-) -> None:
-    folder = sequence(stage.parent / "plates", (1001,))
-
-    def script(test: Any, driven: Driven) -> None:
-        driven.window.dropped([str(folder / "sky.1001.exr")])
-        wait_for(test, driven, "Opened sky.1001.exr.")
-        held = "Its one image, sky 1001, is held for every frame."
-        assert driven.state.message.endswith(held)
-        references = driven.state.references
-        assert references is not None
-        assert references.label(1001) == ""
-        assert references.label(1002) == "sky 1001 held"
-
-    drive_stage(script)
-
-
-@pytest.mark.parametrize("name", ["README.md", "shot.png", "cut.exr"])
-def test_what_cannot_be_read_leaves_the_good_reference(
-    drive_stage: Callable[..., None], stage: Path, tmp_path: Path, name: str
-) -> None:
-    bad = tmp_path / name
-    whole = tmp_path / "whole.exr"
-    write_exr(whole, torch.rand(32, 64, 3))
-    bad.write_bytes(whole.read_bytes()[:700] if name == "cut.exr" else b"no image at all")
-
-    def script(test: Any, driven: Driven) -> None:
-        before = driven.state.references
-        assert before is not None
-        driven.window.dropped([str(bad)])
-        wait_for(test, driven, "", lambda: bool(driven.state.message))
-        assert not driven.state.message.startswith("Opened")
-        assert name in driven.state.message
-        assert driven.state.references is before
-        assert before.wait(1001, 10) is not None
-        assert driven.window.documents.recent == []
-
-    drive_stage(script, with_reference=True)
-
-
-def test_images_without_lobes_are_shown_alone_and_without_an_error(drive: Drive) -> None:
-    bare = no_lobes((1001, 1002), 24.0)
-
-    def script(test: Any, driven: Driven) -> None:
-        assert driven.state.shown is Comparison.REFERENCE
-        for _ in range(20):
-            test.yield_()
-        assert driven.window.renderer.ball_errors(driven.state) is None
-
-    windows.drive(bare, script, with_reference=True)
-
-
 def test_escape_closes_the_menu_before_it_deselects(drive: Drive) -> None:
     def script(test: Any, driven: Driven) -> None:
         driven.state.select(1)
@@ -557,42 +270,3 @@ def test_escape_closes_a_list_before_it_deselects(drive: Drive) -> None:
         assert driven.state.selection.lobe == 1
 
     drive(script)
-
-
-def test_kept_edits_are_what_was_done(stage: Path, tmp_path: Path) -> None:
-    tracks = read_usd(stage)
-    steps = (
-        (turn(0, Span(0, 1, 2), [0, 0, 1], [0, 1, 1]),),
-        (scale_amplitude(1, None, 1.5, (1.0, 0.5, 2.0)), scale_amplitude(0, None, 1.5)),
-        (Mute(1),),
-        (Add(2, (0.0, 1.0, 0.0), 40.0, (1.0, 0.5, 0.25)),),
-        (Rename(2, "window, left"),),
-        (Restore(0), Delete(1)),
-    )
-    autosave = Autosave(tmp_path / "deep" / "unsaved", stage)
-    autosave.keep(tracks, steps)
-    assert autosave.found(tracks) == steps
-    assert json.loads(autosave.path.read_text())["stage"] == str(stage.resolve())
-    autosave.drop()
-    autosave.drop()
-    assert autosave.found(tracks) == ()
-
-
-def test_two_windows_on_one_stage_keep_their_edits_apart(stage: Path, tmp_path: Path) -> None:
-    tracks = read_usd(stage)
-    first, second = Autosave(tmp_path, stage), Autosave(tmp_path, stage)
-    first.keep(tracks, ((Mute(0),),))
-    second.keep(tracks, ((Mute(1),),))
-    third = Autosave(tmp_path, stage)
-    assert third.found(tracks) == ()  # the others are open: what they keep is theirs
-    assert first.found(tracks) == ((Mute(0),),)
-    assert second.found(tracks) == ((Mute(1),),)
-    second.close()  # as when its program has ended without saving
-    fourth = Autosave(tmp_path, stage)
-    assert fourth.found(tracks) == ((Mute(1),),)
-    fourth.drop()
-    for one in (first, third, fourth):
-        one.close()
-    last = Autosave(tmp_path, stage)
-    assert last.found(tracks) == ((Mute(0),),)
-    last.close()

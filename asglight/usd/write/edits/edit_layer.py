@@ -11,13 +11,12 @@ USD reads them from a stage's own layer and from none below it.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pxr import Ar, Sdf, Usd
+from pxr import Ar, Sdf
 from torch import Tensor
 
 from asglight.errors import InputError
@@ -30,32 +29,21 @@ from asglight.usd.digest import author_digest, digest_of_prim
 from asglight.usd.lights import cards
 from asglight.usd.lights.light import Light
 from asglight.usd.options import STAGE_SUFFIXES
-from asglight.usd.read.placement import as_written, placement_of
-from asglight.usd.read.read_options import (
-    dome_images,
-    fill_images,
-    options_of,
-    shown_kinds,
-    shown_threefold,
-)
+from asglight.usd.read.placement import as_written
 from asglight.usd.read.tracks import read_stage
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import space_for, to_stage
 from asglight.usd.stage import (
-    lobe_prims,
-    numbers,
-    open_rig,
     open_stage,
     place_of,
-    readable,
-    show,
 )
 from asglight.usd.write import layer, samples, staging
 from asglight.usd.write.authoring import TrackAuthor
 from asglight.usd.write.between import Shot
 from asglight.usd.write.checks import check_target, check_tracks
-from asglight.usd.write.edited_lobes import LobeChanges, author_added, author_states
-from asglight.usd.write.over_stage import reference, with_metadata
+from asglight.usd.write.edits.edited_lobes import LobeChanges, author_added, author_states
+from asglight.usd.write.edits.edited_stage import AttributeTrack, EditedStage
+from asglight.usd.write.edits.over_stage import reference, with_metadata
 from asglight.usd.write.staging import WriteReport
 
 LAYER_SUFFIXES = tuple(suffix for suffix in STAGE_SUFFIXES if suffix != ".usdz")
@@ -67,99 +55,6 @@ SAME_NUMBERS = 2.0
 SAME_QUATERNIONS = 4 * samples.QUATERNION_TOLERANCE
 """Of a component: the source's tolerance, the rounding of its float32 slerp, that of the float32
 axes that were read from it, and that of the quaternion made of them."""
-
-
-@dataclass(frozen=True)
-class _Track:
-    """What an attribute should be at every frame, and between.
-
-    Attributes:
-        path: The attribute in the layer, with its variant.
-        representation: Whose light it is of; None for the lobe itself.
-        values: One value a time.  [T, K]
-        times: All frames, and some between.  [T]
-        tolerance: Relative error of a sample left out.
-    """
-
-    path: Sdf.Path
-    representation: Representation | None
-    values: Tensor
-    times: NDArray[np.float64]
-    tolerance: float
-
-
-class _Source:
-    """The stage that was edited, as it is on disk.
-
-    Attributes:
-        path: The stage.
-        stage: Its composition; which representation it shows changes as it is read.
-        rig: The prim that holds the lobes.
-        tracks: Its lobes, those that are muted as they would light.
-        muted: Indices of the muted ones.
-        options: How it was written.
-        placement: How the rig stands in the stage.
-        kinds: What each lobe is in its cards; none without cards.
-        threefold: Which lobes have three distant lights; none without such.
-        images: Those of its dome and of its fill that are there, as USD resolves them.
-    """
-
-    def __init__(self, path: Path) -> None:
-        """Read the stage.
-
-        Raises:
-            InputError: There is no such stage, it holds no lobes, or a value is damaged.
-        """
-        self.path = path
-        reading = read_stage(path)
-        self.tracks, self.muted = reading.unmuted, reading.muted
-        self.stage, self.rig = open_rig(path)
-        self.stage.SetEditTarget(self.stage.GetSessionLayer())
-        self.options = options_of(self.rig)
-        self.kinds = shown_kinds(self.rig)
-        self.threefold = shown_threefold(self.rig)
-        self.images = dome_images(self.rig) + fill_images(self.rig)
-        with readable(path):
-            self.placement = placement_of(self.rig, self.tracks.frames)
-        fault = None
-        if self.rig.IsInstance() or self.rig.IsInstanceProxy():
-            fault = "is an instance, in which USD heeds no edit"
-        elif self.placement.is_stretched:
-            fault = "is scaled unevenly, so that its lights are not those of its lobes"
-        if fault is not None:
-            raise InputError(
-                f"{shown(path)}: {self.rig.GetPath()} {fault}; expected a rig that can be edited. "
-                f"Edit the stage that holds it."
-            )
-
-    def kinds_of(self, lobes: Collection[int]) -> list[cards.Kind]:
-        """Return what some lobes are in the cards; none for a stage without them."""
-        return [self.kinds[index] for index in lobes] if self.kinds else []
-
-    def unmuted(self, tracks: LobeTracks, edited: Collection[int]) -> LobeTracks:
-        """Return tracks with the light of the muted lobes that were not edited."""
-        chosen = torch.tensor(sorted(self.muted - set(edited)), dtype=torch.long)
-        if tracks.lobes.count < self.tracks.lobes.count or not len(chosen):
-            return tracks
-        lobes = tracks.lobes.replaced(chosen, self.tracks.lobes.select(chosen))
-        return replace(tracks, lobes=lobes)
-
-    @property
-    def lobe_paths(self) -> list[Sdf.Path]:
-        """The prims of the lobes."""
-        return [prim.GetPath() for prim in lobe_prims(self.rig)]
-
-    def values(self, track: _Track) -> NDArray[np.float64] | None:
-        """Return what an attribute is at every frame, or None where it has no value.  [F, K]."""
-        if track.representation is not None:
-            show(self.rig, track.representation)  # in memory only
-        attribute = self.stage.GetAttributeAtPath(track.path.StripAllVariantSelections())
-        kind = schema.VALUE_TYPES[track.path.name]
-        if not attribute or attribute.GetTypeName() != kind:
-            return None
-        query = Usd.AttributeQuery(attribute)
-        values = [query.Get(frame) for frame in self.tracks.frames]
-        return None if None in values else numbers(values, kind)
 
 
 def write_edit_layer(
@@ -197,7 +92,7 @@ def write_edit_layer(
     path = Path(path)
     check_tracks(tracks)
     check_target(path, LAYER_SUFFIXES)
-    below = _Source(Path(source))
+    below = EditedStage(Path(source))
     if muted is None:
         muted, tracks = below.muted, below.unmuted(tracks, edited)
     _check_same(below, tracks, edited)
@@ -213,20 +108,8 @@ def write_edit_layer(
     )
     kept = [index for index in edited if index < count and index not in deleted]
     differing = [track for track in _tracks(below, changes.in_rig, kept) if _differs(below, track)]
-    is_dark = changes.muted != below.muted or bool(changes.deleted)
     with staging.staged(path) as place, our_own():
-        height, space = below.options.dome_height, space_for(below.options)
-        changes_light = bool(differing or changes.added or is_dark)
-        kinds = changes.kinds(below.kinds)
-        has_dome = changes_light and Representation.DOME in below.options.held
-        textures = staging.write_dome(changes.lit, place, height, space) if has_dome else []
-        refill = changes_light and any(
-            kinds[index] is cards.Kind.FILL
-            for index in (*kept, *changes.added, *changes.deleted, *(changes.muted ^ below.muted))
-            if kinds
-        )
-        fill = staging.write_fill(changes.lit, kinds, place, space) if refill else []
-        images = {schema.DOME: textures, schema.FILL: fill}
+        images = _images(below, changes, kept, bool(differing), place)
         built, author = _build(below, changes, differing, images)
         built.subLayerPaths = [reference(below.path, place.parent)]
         staging.export(built, place)
@@ -236,10 +119,44 @@ def write_edit_layer(
         _check_lights(below, place, kept)
         built.subLayerPaths = [reference(below.path, path.parent)]
         staging.export(built, place)
-        return staging.move_into_place(place, path, [*textures, *fill], author)
+        files = [file for each in images.values() for file in each]
+        return staging.move_into_place(place, path, files, author)
 
 
-def _tracks(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> Iterator[_Track]:
+def _images(
+    below: EditedStage, changes: LobeChanges, kept: Collection[int], differs: bool, place: Path
+) -> dict[str, list[Path]]:
+    """Write the images of the dome and of the fill that the edits change.
+
+    Args:
+        below: The stage that was edited.
+        changes: What was edited.
+        kept: Indices of the edited lobes that the stage holds and still has.
+        differs: Whether an attribute of these differs from the stage's.
+        place: The layer, where it is written.
+
+    Returns:
+        Files by the name of their prim; none where nothing changes there.
+    """
+    height, space = below.options.dome_height, space_for(below.options)
+    darkened = changes.muted ^ below.muted
+    is_changed = bool(differs or changes.added or darkened or changes.deleted)
+    has_dome = is_changed and Representation.DOME in below.options.held
+    kinds = changes.kinds(below.kinds)
+    refill = is_changed and any(
+        kinds[index] is cards.Kind.FILL
+        for index in (*kept, *changes.added, *changes.deleted, *darkened)
+        if kinds
+    )
+    return {
+        schema.DOME: staging.write_dome(changes.lit, place, height, space) if has_dome else [],
+        schema.FILL: staging.write_fill(changes.lit, kinds, place, space) if refill else [],
+    }
+
+
+def _tracks(
+    below: EditedStage, tracks: LobeTracks, edited: Collection[int]
+) -> Iterator[AttributeTrack]:
     """Yield the attributes of the edited lobes and of their lights."""
     chosen = sorted(edited)
     lobes = tracks.lobes.select(torch.tensor(chosen, dtype=torch.long))
@@ -250,7 +167,7 @@ def _tracks(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> Iter
     for path, one in zip(own, shot.of_lobes(), strict=True):
         for name, values in layer.lobe_tracks(one.lobes).items():
             target = path.AppendProperty(name)
-            yield _Track(target, None, values[:, 0], one.times, layer.LOBE_TOLERANCE)
+            yield AttributeTrack(target, None, values[:, 0], one.times, layer.LOBE_TOLERANCE)
     lights: dict[Representation, list[layer.TimedLights]] = {}
     if Representation.CARDS in below.options.held:
         distance, kinds = below.options.card_distance, below.kinds_of(chosen)
@@ -270,16 +187,16 @@ def _of_lobe(
     representation: Representation,
     lights: Sequence[Light],
     times: NDArray[np.float64],
-) -> Iterator[_Track]:
+) -> Iterator[AttributeTrack]:
     """Yield the tracks of one lobe's lights."""
     for light in lights:
         path = lobe.AppendChild(light.name) if light.name else lobe
         for name, values in light.tracks.items():
             target = path.AppendProperty(name)
-            yield _Track(target, representation, values, times, layer.LIGHT_TOLERANCE)
+            yield AttributeTrack(target, representation, values, times, layer.LIGHT_TOLERANCE)
 
 
-def _differs(below: _Source, track: _Track) -> bool:
+def _differs(below: EditedStage, track: AttributeTrack) -> bool:
     """Tell whether the stage shows something else at any frame.
 
     Between frames it then does too, for what lies there follows from the frames.
@@ -295,9 +212,9 @@ def _differs(below: _Source, track: _Track) -> bool:
 
 
 def _build(
-    below: _Source,
+    below: EditedStage,
     changes: LobeChanges,
-    differing: list[_Track],
+    differing: list[AttributeTrack],
     images: Mapping[str, Sequence[Path]],
 ) -> tuple[Sdf.Layer, TrackAuthor]:
     built = with_metadata(below.stage.GetRootLayer())
@@ -321,7 +238,7 @@ def _build(
     return built, author
 
 
-def _author_digests(built: Sdf.Layer, place: Path, differing: list[_Track]) -> None:
+def _author_digests(built: Sdf.Layer, place: Path, differing: list[AttributeTrack]) -> None:
     """Keep with each lobe that the layer changes what it is now, so that its lights count."""
     stage = open_stage(place)
     tracks = (track for track in differing if track.representation is None)
@@ -330,7 +247,7 @@ def _author_digests(built: Sdf.Layer, place: Path, differing: list[_Track]) -> N
         author_digest(Sdf.CreatePrimInLayer(built, path), digest)
 
 
-def _check_findings(below: _Source, place: Path) -> None:
+def _check_findings(below: EditedStage, place: Path) -> None:
     """Raise if the layer breaks the contract where the stage below it does not."""
     findings = lint_stage(place)
     own = set(findings) - set(lint_stage(below.path)) if findings else set()
@@ -338,7 +255,7 @@ def _check_findings(below: _Source, place: Path) -> None:
         raise RuntimeError(f"the layer breaks the stage's contract: {sorted(own)}")
 
 
-def _check_lights(below: _Source, place: Path, edited: Collection[int]) -> None:
+def _check_lights(below: EditedStage, place: Path, edited: Collection[int]) -> None:
     """Check that the edits reach the lights.
 
     What another program says of a light outside the variants is stronger than a layer in them.
@@ -355,7 +272,7 @@ def _check_lights(below: _Source, place: Path, edited: Collection[int]) -> None:
             )
 
 
-def _check_same(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> None:
+def _check_same(below: EditedStage, tracks: LobeTracks, edited: Collection[int]) -> None:
     """Check that the stage is the one whose tracks were edited."""
     held = below.tracks
     if not set(edited) <= set(range(tracks.lobes.count)):
@@ -379,7 +296,7 @@ def _check_same(below: _Source, tracks: LobeTracks, edited: Collection[int]) -> 
         )
 
 
-def _check_apart(path: Path, below: _Source) -> None:
+def _check_apart(path: Path, below: EditedStage) -> None:
     """Check that no file of the stage would be replaced: neither a layer nor an image."""
     target = path.resolve()
     layers = [Path(used.realPath) for used in below.stage.GetUsedLayers() if used.realPath]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lobes on leaves, and what leaves see of them by other means than the fit."""
+"""Lobes on adaptive cells, and what adaptive cells see of them by other means than the fit."""
 
 import math
 from dataclasses import replace
@@ -8,8 +8,8 @@ import torch
 from lobe_cases import DOUBLE
 
 from asglight.fitting.loss import coordinates
+from asglight.fitting.loss.adaptive_cells import AdaptiveCells, adaptive_cells
 from asglight.fitting.loss.coordinates import UNKNOWNS
-from asglight.fitting.loss.leaves import Leaves, leaves
 from asglight.fitting.loss.lobe_images import COLUMNS
 from asglight.lobes import Form, Lobes
 from asglight.lobes.frames import axes_around
@@ -37,16 +37,16 @@ def single(lobes: Lobes) -> Lobes:
     return lobes.to(torch.float32)[None]
 
 
-def plain_leaves(rows: int, frames: int = 1) -> Leaves:
-    """Return leaves that are the cells of a grid."""
-    return leaves(torch.zeros(frames, 3, 2 * rows * rows), rows)
+def plain_cells(rows: int, frames: int = 1) -> AdaptiveCells:
+    """Return adaptive cells that are the cells of a grid."""
+    return adaptive_cells(torch.zeros(frames, 3, 2 * rows * rows), rows)
 
 
-def refined_leaves() -> Leaves:
-    """Return leaves of 64 rows, the cell around SUN refined into texels of 256 rows."""
+def refined_cells() -> AdaptiveCells:
+    """Return adaptive cells of 64 rows, the cell around SUN refined into texels of 256 rows."""
     reference = torch.zeros(1, 3, 2 * 256 * 256)
     reference[..., SUN[0] * 512 + SUN[1]] = 1.0
-    return leaves(reference, 64, 1)
+    return adaptive_cells(reference, 64, 1)
 
 
 def at_texel(row: float, column: float, rows: int) -> tuple[float, float, float]:

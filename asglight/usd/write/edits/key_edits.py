@@ -34,9 +34,14 @@ from asglight.usd.write import layer, staging
 from asglight.usd.write.authoring import TrackAuthor
 from asglight.usd.write.between import Shot
 from asglight.usd.write.checks import check_target, check_tracks
-from asglight.usd.write.edit_layer import LAYER_SUFFIXES
-from asglight.usd.write.edited_lobes import LobeChanges, author_prims, author_states, free_names
-from asglight.usd.write.over_stage import reference, with_metadata
+from asglight.usd.write.edits.edit_layer import LAYER_SUFFIXES
+from asglight.usd.write.edits.edited_lobes import (
+    LobeChanges,
+    author_prims,
+    author_states,
+    free_names,
+)
+from asglight.usd.write.edits.over_stage import reference, with_metadata
 from asglight.usd.write.staging import WriteReport
 
 

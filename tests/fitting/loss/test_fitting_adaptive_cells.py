@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Leaves: which cells are refined, exact means, light brought to cells, shares, the transpose."""
+"""Adaptive cells: which cells are refined, exact means, light brought to cells, shares, the
+transpose."""
 
 import math
 
@@ -7,17 +8,17 @@ import pytest
 import torch
 from splat_cases import of_texels
 
-from asglight.fitting.loss.grid import grid
-from asglight.fitting.loss.leaves import (
+from asglight.fitting.loss.adaptive_cells import (
     BASE_ROWS,
     BRIGHT,
     REFINED,
-    Leaves,
+    AdaptiveCells,
+    adaptive_cells,
     from_cells,
-    leaves,
-    on_leaves,
+    on_adaptive_cells,
     to_cells,
 )
+from asglight.fitting.loss.grid import grid
 from asglight.sphere import latlong
 
 SHAPES = [(16, 4, 3), (18, 6, 5), (20, 10, 1), (12, 4, 32)]
@@ -37,13 +38,13 @@ def _reduced(images: torch.Tensor, rows: int) -> torch.Tensor:
     return torch.stack([latlong.reduce(t, rows, 2 * rows).flatten(0, 1).mT for t in texels])
 
 
-def _cell_of(texel: torch.Tensor, places: Leaves) -> torch.Tensor:
+def _cell_of(texel: torch.Tensor, places: AdaptiveCells) -> torch.Tensor:
     """Return the cell that holds each texel."""
     factor, width = places.fine_rows // places.rows, 2 * places.fine_rows
     return texel // width // factor * (2 * places.rows) + texel % width // factor
 
 
-def _worth(images: torch.Tensor, places: Leaves) -> torch.Tensor:
+def _worth(images: torch.Tensor, places: AdaptiveCells) -> torch.Tensor:
     """Sum each cell's differences from its mean, and a part of its light, by area.  [F, C]."""
     height = places.fine_rows
     cell = _cell_of(torch.arange(2 * height * height), places)
@@ -59,7 +60,7 @@ def test_refined_cells_are_those_with_most_detail_and_light(
     height: int, rows: int, refined: int
 ) -> None:
     images = _maps(height)
-    places = leaves(images, rows, refined)
+    places = adaptive_cells(images, rows, refined)
     assert (places.rows, places.fine_rows, places.count) == (rows, height, 2 * rows * rows)
     assert places.refined.shape == (2, refined)
     chosen = torch.zeros(2, places.count, dtype=torch.bool).scatter(1, places.refined, True)
@@ -74,7 +75,7 @@ def test_an_even_lamp_is_refined_before_faint_detail() -> None:
     images = 0.5 + 0.05 * _maps(24, 1)
     lamp = torch.zeros(24, 48)
     lamp[8:16, 16:24] = 30.0  # two cells by two, even inside
-    places = leaves(images + lamp.flatten(), 6, 4)
+    places = adaptive_cells(images + lamp.flatten(), 6, 4)
     assert sorted(places.refined[0].tolist()) == [2 * 12 + 4, 2 * 12 + 5, 3 * 12 + 4, 3 * 12 + 5]
 
 
@@ -82,15 +83,15 @@ def test_a_bright_texel_is_refined_in_its_own_frame_alone() -> None:
     images = torch.full((3, 3, 2 * 24 * 24), 0.5)
     bright = torch.tensor([5 * 48 + 7, 23 * 48 + 47, 12 * 48])
     images[torch.arange(3), :, bright] = 900.0
-    places = leaves(images, 6, 1)
+    places = adaptive_cells(images, 6, 1)
     assert places.refined[:, 0].tolist() == [1 * 12 + 1, 5 * 12 + 11, 3 * 12]
-    shown = on_leaves(images, places)[..., places.count :]
+    shown = on_adaptive_cells(images, places)[..., places.count :]
     assert shown.amax(-1).tolist() == [[900.0] * 3] * 3  # as it is, not a mean
     assert (places.texel == bright[:, None]).sum(1).tolist() == [1, 1, 1]
 
 
 def test_texels_come_cell_by_cell_and_row_by_row() -> None:
-    places = leaves(_maps(18), 6, 5)
+    places = adaptive_cells(_maps(18), 6, 5)
     blocks = places.texel.unflatten(-1, (5, 9))
     for frame in range(2):
         for cell, block in zip(places.refined[frame], blocks[frame], strict=True):
@@ -99,7 +100,7 @@ def test_texels_come_cell_by_cell_and_row_by_row() -> None:
 
 
 def test_defaults_refine_a_tall_map_into_its_texels() -> None:
-    places = leaves(_maps(128, 1))
+    places = adaptive_cells(_maps(128, 1))
     assert (places.rows, places.refined.shape) == (BASE_ROWS, (1, REFINED))
     assert places.texel.shape == (1, 4 * REFINED)
 
@@ -110,10 +111,10 @@ def test_defaults_refine_a_tall_map_into_its_texels() -> None:
 )
 def test_a_map_no_taller_than_the_coarse_grid_has_no_refined_cells(height: int, rows: int) -> None:
     images = _maps(height)
-    places = leaves(images)
+    places = adaptive_cells(images)
     assert places.rows == rows
     assert (places.refined.numel(), places.texel.numel()) == (0, 0)
-    assert torch.equal(on_leaves(images, places), images)
+    assert torch.equal(on_adaptive_cells(images, places), images)
     assert torch.equal(to_cells(images, places), images)
     assert torch.equal(from_cells(images, places), images)
     assert [level[0] for level in places.levels] == [rows]
@@ -121,7 +122,7 @@ def test_a_map_no_taller_than_the_coarse_grid_has_no_refined_cells(height: int, 
 
 @pytest.mark.parametrize(("height", "rows", "refined"), SHAPES)
 def test_shares_of_the_leaves_sum_to_one(height: int, rows: int, refined: int) -> None:
-    places = leaves(_maps(height), rows, refined)
+    places = adaptive_cells(_maps(height), rows, refined)
     total = places.share.double().sum(-1)
     # each share is rounded to float32 by 2^-24 of it
     torch.testing.assert_close(total, torch.ones_like(total), rtol=1e-7, atol=0)
@@ -132,7 +133,7 @@ def test_shares_of_the_leaves_sum_to_one(height: int, rows: int, refined: int) -
 
 
 def test_directions_and_monomials_are_those_of_the_centres() -> None:
-    places = leaves(_maps(18), 6, 5)
+    places = adaptive_cells(_maps(18), 6, 5)
     cells = latlong.directions(6, 12).reshape(-1, 3)
     texels = latlong.directions(18, 36).reshape(-1, 3)
     for frame in range(2):
@@ -152,8 +153,8 @@ def test_leaves_hold_exact_means_and_cells_the_light_of_texels_at_its_place(
     height: int, rows: int, refined: int
 ) -> None:
     images = _maps(height)
-    places = leaves(images, rows, refined)
-    shown = on_leaves(images, places)
+    places = adaptive_cells(images, rows, refined)
+    shown = on_adaptive_cells(images, places)
     expected = _reduced(images, rows)
     # means of up to 25 numbers in float32
     torch.testing.assert_close(shown[..., : places.count].double(), expected, rtol=2e-6, atol=0)
@@ -176,8 +177,8 @@ def test_means_over_leaves_by_their_shares_keep_the_flux(
     height: int, rows: int, refined: int
 ) -> None:
     images = _maps(height)
-    places = leaves(images, rows, refined)
-    found = (on_leaves(images, places) * places.share[:, None]).double().sum(-1)
+    places = adaptive_cells(images, rows, refined)
+    found = (on_adaptive_cells(images, places) * places.share[:, None]).double().sum(-1)
     area = latlong.texel_solid_angles(height, 2 * height, dtype=torch.float64).reshape(-1)
     expected = (images.double() * area).sum(-1) / (4 * math.pi)
     # sums of positive float32 products
@@ -186,7 +187,7 @@ def test_means_over_leaves_by_their_shares_keep_the_flux(
 
 @pytest.mark.parametrize(("height", "rows", "refined"), SHAPES)
 def test_from_cells_is_the_transpose_of_to_cells(height: int, rows: int, refined: int) -> None:
-    places = leaves(_maps(height), rows, refined)
+    places = adaptive_cells(_maps(height), rows, refined)
     generator = torch.Generator().manual_seed(3)
     count = places.share.shape[-1]
     x = torch.randn(2, 4, count, generator=generator)
@@ -200,7 +201,7 @@ def test_from_cells_is_the_transpose_of_to_cells(height: int, rows: int, refined
 
 def test_leaves_of_one_frame_repeat_for_many() -> None:
     images = _maps(18)
-    one = leaves(images[:1], 6, 5)
+    one = adaptive_cells(images[:1], 6, 5)
     many = one.repeated(3)
     assert (many.rows, many.fine_rows, many.count) == (one.rows, one.fine_rows, one.count)
     for name in ("refined", "texel", "monomials", "cell_share", "texel_share", "around"):
@@ -208,6 +209,6 @@ def test_leaves_of_one_frame_repeat_for_many() -> None:
         assert len(value) == 3
         assert all(torch.equal(frame, getattr(one, name)[0]) for frame in value)
     maps = torch.cat([images, images[:1]])
-    shown = to_cells(on_leaves(maps, many), many)
+    shown = to_cells(on_adaptive_cells(maps, many), many)
     for found, image in zip(shown, maps, strict=True):
-        assert torch.equal(found, to_cells(on_leaves(image[None], one), one)[0])
+        assert torch.equal(found, to_cells(on_adaptive_cells(image[None], one), one)[0])

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where frames are compared: coarse cells everywhere, texels where the map has detail.
 
-A map of 256 x 512 texels is mostly smooth at the scale of a lobe. Its leaves are the cells of a
-coarse grid, and in the few cells with most detail and light the texels themselves, so that a sun of
-one texel is one. The materials see the coarse grid, to which refined cells bring their texels'
-light each to its own place (splatting.py).
+A map of 256 x 512 texels is mostly smooth at the scale of a lobe. Its adaptive cells are the cells
+of a coarse grid, and in the few cells with most detail and light the texels themselves, so that a
+sun of one texel is one. The materials see the coarse grid, to which refined cells bring their
+texels' light each to its own place (splatting.py).
 
-Images on leaves are [F, ..., P]: first all cells in order, then the texels cell by cell. A refined
-cell keeps its place among the cells, with no share of the sphere. Dimension letters: F frames,
-C cells, R refined cells of one frame, Q their texels, P = C + Q.
+Images on adaptive cells are [F, ..., P]: first all cells in order, then the texels cell by cell. A
+refined cell keeps its place among the cells, with no share of the sphere. Dimension letters: F
+frames, C cells, R refined cells of one frame, Q their texels, P = C + Q.
 """
 
 from dataclasses import dataclass, replace
@@ -34,8 +34,8 @@ inside, but the narrow lobes that make it up are not: on its cells they would lo
 
 
 @dataclass(frozen=True)
-class Leaves:
-    """The leaves of F frames.
+class AdaptiveCells:
+    """The adaptive cells of F frames.
 
     Attributes:
         rows: Rows of the coarse grid.
@@ -69,7 +69,7 @@ class Leaves:
 
     @property
     def levels(self) -> tuple[tuple[int, Tensor, slice], ...]:
-        """Rows, monomials and place among the leaves of the cells and, if any, of the texels."""
+        """Rows, monomials and place of the coarse cells and, if any, of the texels."""
         coarse = (self.rows, self.cells.monomials, slice(0, self.count))
         if not self.texel.shape[-1]:
             return (coarse,)
@@ -77,22 +77,22 @@ class Leaves:
 
     @property
     def directions(self) -> Tensor:
-        """Centres of the leaves.  [F, 3, P]."""
+        """Centres of the adaptive cells.  [F, 3, P]."""
         cells = self.cells.monomials[1:4].expand(len(self.refined), -1, -1)
         return torch.cat([cells, self.monomials[:, 1:4]], dim=-1)
 
     @property
     def share(self) -> Tensor:
-        """Solid angle over 4 pi of each leaf.  [F, P]."""
+        """Solid angle over 4 pi of each adaptive cell.  [F, P]."""
         return torch.cat([self.cell_share, self.texel_share], dim=-1)
 
     @cached_property
-    def compiled(self) -> layout.Leaves:
-        """The leaves for what is compiled."""
-        return layout.leaves(self)
+    def compiled(self) -> layout.Adaptive:
+        """The adaptive cells for what is compiled."""
+        return layout.adaptive_cells(self)
 
-    def repeated(self, count: int) -> "Leaves":
-        """Return the leaves of one frame as those of many.  F = 1 -> F = count."""
+    def repeated(self, count: int) -> "AdaptiveCells":
+        """Return the adaptive cells of one frame as those of many.  F = 1 -> F = count."""
         tensors = {
             name: value.expand(count, *value.shape[1:])
             for name, value in vars(self).items()
@@ -101,8 +101,10 @@ class Leaves:
         return replace(self, **tensors)
 
 
-def leaves(reference: Tensor, rows: int = BASE_ROWS, refined: int = REFINED) -> Leaves:
-    """Choose the leaves of each frame: refined are cells with much detail or much light.
+def adaptive_cells(
+    reference: Tensor, rows: int = BASE_ROWS, refined: int = REFINED
+) -> AdaptiveCells:
+    """Choose the adaptive cells of each frame: refined are cells with much detail or much light.
 
     Detail is how far the cell's texels are from their mean.
 
@@ -124,7 +126,7 @@ def leaves(reference: Tensor, rows: int = BASE_ROWS, refined: int = REFINED) -> 
         worth = cell_sums(worth, fine_rows, rows)
         chosen = worth.topk(min(refined, worth.shape[-1]), dim=-1).indices
     texel = _texels_of(chosen, rows, fine_rows)
-    return Leaves(
+    return AdaptiveCells(
         rows=rows,
         fine_rows=fine_rows,
         refined=chosen,
@@ -145,15 +147,15 @@ def _texels_of(cells: Tensor, rows: int, fine_rows: int) -> Tensor:
     return (texel + column[..., None, None] + offset).flatten(1)
 
 
-def on_leaves(images: Tensor, places: Leaves) -> Tensor:
-    """Average images on the map's grid over each leaf.  [F, K, H * 2 H] -> [F, K, P]."""
+def on_adaptive_cells(images: Tensor, places: AdaptiveCells) -> Tensor:
+    """Average images on the map's grid over each adaptive cell.  [F, K, H * 2 H] -> [F, K, P]."""
     cells = coarsen(images, places.fine_rows, places.rows)
     texels = images.gather(-1, places.texel[:, None].expand(-1, images.shape[1], -1))
     return torch.cat([cells, texels], dim=-1)
 
 
-def to_cells(images: Tensor, places: Leaves) -> Tensor:
-    """Bring images on leaves to the cells' centres.  [F, K, P] -> [F, K, C]."""
+def to_cells(images: Tensor, places: AdaptiveCells) -> Tensor:
+    """Bring images on adaptive cells to the cells' centres.  [F, K, P] -> [F, K, C]."""
     if not places.texel.shape[-1]:
         return images
     cells, texels = images[..., : places.count], images[..., places.count :]
@@ -164,7 +166,7 @@ def to_cells(images: Tensor, places: Leaves) -> Tensor:
     return cells.scatter_add(-1, _each(places.around, images), brought)
 
 
-def from_cells(slopes: Tensor, places: Leaves) -> Tensor:
+def from_cells(slopes: Tensor, places: AdaptiveCells) -> Tensor:
     """Apply the transpose of `to_cells`.  [F, K, C] -> [F, K, P]."""
     if not places.texel.shape[-1]:
         return slopes
@@ -176,7 +178,7 @@ def from_cells(slopes: Tensor, places: Leaves) -> Tensor:
     return torch.cat([cells, texels], dim=-1)
 
 
-def _shares_around(places: Leaves) -> Tensor:
+def _shares_around(places: AdaptiveCells) -> Tensor:
     """Return solid angles over 4 pi, for each image of a frame.  [F, 1, 25 R]."""
     return places.cells.share[places.around][:, None]
 

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Edits that were not saved are kept for the next window on the same stage."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+import windows
+from places import SUPPORT
+from windows import Driven, brighten, press, wait_for
+
+from asglight.lobes import LobeTracks
+from asglight.usd import read_usd
+from asglight.viewer.io.autosave import Autosave
+from asglight.viewer.state.edits.edit import (
+    Add,
+    Delete,
+    Mute,
+    Rename,
+    Restore,
+    Span,
+    scale_amplitude,
+    turn,
+)
+from asglight.viewer.state.views import Request
+
+pytestmark = pytest.mark.usefixtures("no_system_dialog")
+
+
+CRASH = """
+import os, sys
+from pathlib import Path
+import windows
+from asglight.usd import read_usd
+from asglight.viewer.state.edits.edit import scale_amplitude
+
+stage, kept = map(Path, sys.argv[1:])
+
+def script(test, driven):
+    driven.state.history.add(scale_amplitude(0, None, 1.0))
+    driven.state.toggle_mute(1)
+    while not list(kept.glob("*.json")):
+        test.yield_()
+    os._exit(9)
+
+windows.drive(read_usd(stage), script, stage=stage, autosaves=kept)
+"""
+
+
+def test_edits_are_offered_after_a_crash(
+    drive_stage: Callable[..., None], stage: Path, tmp_path: Path, two_lamps: LobeTracks
+) -> None:
+    kept = tmp_path / "unsaved"
+    support = SUPPORT
+    path = os.pathsep.join([str(support), os.environ.get("PYTHONPATH", "")])
+    crashed = subprocess.run(
+        [sys.executable, "-c", CRASH, str(stage), str(kept)],
+        env={**os.environ, "PYTHONPATH": path},
+        timeout=60,
+    )
+    assert crashed.returncode == 9
+
+    def script(test: Any, driven: Driven) -> None:
+        question = driven.window.documents.question
+        assert question is not None
+        assert question.text.startswith("asglight ended before 2 edits of shot.usda could be saved")
+        test.yield_(2)
+        press(test, "Restore them")
+        assert driven.state.message == "Restored 2 edits. They are not saved yet."
+        torch.testing.assert_close(
+            driven.state.tracks.lobes.amplitude[:, 0], 2 * two_lamps.lobes.amplitude[:, 0]
+        )
+        assert driven.state.lit == (0,)
+        assert driven.state.history.is_unsaved
+        driven.window.save(Request.SAVE_EDITS, stage.with_name("edits.usda"))
+        wait_for(test, driven, "Saved edits.usda.")
+        test.yield_(3)
+        assert not list(kept.glob("*.json"))  # what is saved is not offered again
+
+    drive_stage(script, autosaves=kept)
+
+
+def test_kept_edits_can_be_discarded(drive_stage: Callable[..., None], tmp_path: Path) -> None:
+    kept = tmp_path / "unsaved"
+
+    def edit(test: Any, driven: Driven) -> None:
+        brighten(driven)
+        for _ in range(windows.WAIT_PICTURES):
+            if kept.is_dir() and list(kept.glob("*.json")):
+                return
+            test.yield_()
+        raise AssertionError
+
+    def discard(test: Any, driven: Driven) -> None:
+        test.yield_(2)
+        press(test, "Discard them")
+        assert not driven.state.history.is_changed
+        assert not list(kept.glob("*.json"))
+
+    drive_stage(edit, autosaves=kept)  # ends without an answer of the user
+    drive_stage(discard, autosaves=kept)
+
+
+@pytest.mark.parametrize("content", ["", "{}", '{"lobes": [], "frames": [], "steps": []}'])
+def test_kept_edits_of_other_lobes_or_damaged_ones_are_not_offered(
+    drive_stage: Callable[..., None], stage: Path, tmp_path: Path, content: str
+) -> None:
+    autosave = Autosave(tmp_path, stage)
+    autosave.path.write_text(content)
+    autosave.close()
+
+    def script(test: Any, driven: Driven) -> None:
+        assert driven.window.documents.question is None
+
+    drive_stage(script, autosaves=tmp_path)
+
+
+def test_a_folder_that_cannot_keep_edits_is_said(
+    drive_stage: Callable[..., None], tmp_path: Path
+) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("no folder")
+
+    def script(test: Any, driven: Driven) -> None:
+        brighten(driven)
+        wait_for(test, driven, f"{blocked}: cannot be made (File exists); expected a folder for")
+
+    drive_stage(script, autosaves=blocked)
+
+
+def test_kept_edits_are_what_was_done(stage: Path, tmp_path: Path) -> None:
+    tracks = read_usd(stage)
+    steps = (
+        (turn(0, Span(0, 1, 2), [0, 0, 1], [0, 1, 1]),),
+        (scale_amplitude(1, None, 1.5, (1.0, 0.5, 2.0)), scale_amplitude(0, None, 1.5)),
+        (Mute(1),),
+        (Add(2, (0.0, 1.0, 0.0), 40.0, (1.0, 0.5, 0.25)),),
+        (Rename(2, "window, left"),),
+        (Restore(0), Delete(1)),
+    )
+    autosave = Autosave(tmp_path / "deep" / "unsaved", stage)
+    autosave.keep(tracks, steps)
+    assert autosave.found(tracks) == steps
+    assert json.loads(autosave.path.read_text())["stage"] == str(stage.resolve())
+    autosave.drop()
+    autosave.drop()
+    assert autosave.found(tracks) == ()
+
+
+def test_two_windows_on_one_stage_keep_their_edits_apart(stage: Path, tmp_path: Path) -> None:
+    tracks = read_usd(stage)
+    first, second = Autosave(tmp_path, stage), Autosave(tmp_path, stage)
+    first.keep(tracks, ((Mute(0),),))
+    second.keep(tracks, ((Mute(1),),))
+    third = Autosave(tmp_path, stage)
+    assert third.found(tracks) == ()  # the others are open: what they keep is theirs
+    assert first.found(tracks) == ((Mute(0),),)
+    assert second.found(tracks) == ((Mute(1),),)
+    second.close()  # as when its program has ended without saving
+    fourth = Autosave(tmp_path, stage)
+    assert fourth.found(tracks) == ((Mute(1),),)
+    fourth.drop()
+    for one in (first, third, fourth):
+        one.close()
+    last = Autosave(tmp_path, stage)
+    assert last.found(tracks) == ((Mute(0),),)
+    last.close()
