@@ -108,7 +108,7 @@ def _write(
         )
     with one_thread(), staging.staged(path) as place, our_own():
         beside, author, told = _write_files(tracks, options, place, keys)
-        findings = lint_stage(place)
+        findings = [*author.findings, *lint_stage(place, author.checked)]
         if findings:
             raise RuntimeError(f"the stage breaks its own contract: {findings}")
         return staging.move_into_place(place, path, beside, author, told)
