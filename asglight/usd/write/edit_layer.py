@@ -219,13 +219,15 @@ def write_edit_layer(
         changes_light = bool(differing or changes.added or is_dark)
         kinds = changes.kinds(below.kinds)
         has_dome = changes_light and Representation.DOME in below.options.held
-        textures = staging.write_dome(changes.lit, place, height, space) if has_dome else []
+        textures = (
+            staging.dome_images(changes.lit, place, height, space).write() if has_dome else []
+        )
         refill = changes_light and any(
             kinds[index] is cards.Kind.FILL
             for index in (*kept, *changes.added, *changes.deleted, *(changes.muted ^ below.muted))
             if kinds
         )
-        fill = staging.write_fill(changes.lit, kinds, place, space) if refill else []
+        fill = staging.fill_images(changes.lit, kinds, place, space).write() if refill else []
         images = {schema.DOME: textures, schema.FILL: fill}
         built, author = _build(below, changes, differing, images)
         built.subLayerPaths = [reference(below.path, place.parent)]
