@@ -9,20 +9,20 @@ radiance and of its direction, each over what is allowed, the largest at the tim
 The lobe's flux is linear. Mean squares and other values of the shape are known at a few even steps;
 in between, a polynomial goes through their logarithms, which for narrow lobes is exact.
 
-Symbols: S spans, Q probes, K even steps, C cards.
+Here is what all kinds have in common, and what a lobe itself is; `span_lights.py` has its lights.
+
+Symbols: S spans, Q probes, K even steps.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple, Protocol, Self
+from typing import Protocol, Self
 
 import torch
 from torch import Tensor
 
 from asglight.lobes import Lobes, asg
-from asglight.usd.lights import cards, distant
-from asglight.usd.lights.emission import intensity_and_color
 
 FLUX, RADIANCE, TURN_DEG = 3e-3, 1e-2, 0.1
 """What a light may be off between frames: its flux; the error of its radiance integrated over all
@@ -42,30 +42,31 @@ PROBES = (0.25, 0.5, 0.75)
 """Of the way between two samples: errors are 0 at both and, where they matter, of second order."""
 
 
-class Times(NamedTuple):
-    """When errors are probed, in shares of the span.
+def times_between(before: Tensor, after: Tensor) -> Tensor:
+    """Return when two samples are looked at: before, at the probes, after.  [S] -> [S, 1 + Q + 1].
 
-    Attributes:
-        now: The probes.  [S, Q]
-        before: The sample before them.  [S, 1]
-        after: The sample after them.  [S, 1]
+    Args:
+        before: The one sample, in shares of the span.  [S]
+        after: The other.  [S]
     """
+    first, last = before[:, None], after[:, None]
+    return torch.cat([first, lerp(first, last), last], 1)
 
-    now: Tensor
-    before: Tensor
-    after: Tensor
 
-    @classmethod
-    def of(cls, before: Tensor, after: Tensor) -> Self:
-        """Return the probes between two samples.  [S]."""
-        first, last = before[:, None], after[:, None]
-        return cls(first + torch.tensor(PROBES, dtype=first.dtype) * (last - first), first, last)
+def at_ends(values: Tensor) -> tuple[Tensor, Tensor]:
+    """Return what is at the two samples.  [S, 1 + Q + 1, ...] -> [S, 1, ...] twice."""
+    return values[:, :1], values[:, -1:]
 
-    @staticmethod
-    def lerp(before: Tensor, after: Tensor) -> Tensor:
-        """Interpolate as a program does.  [S, 1] or [S, 1, K] -> [S, Q] or [S, Q, K]."""
-        share = torch.tensor(PROBES, dtype=before.dtype).reshape(-1, *[1] * (before.ndim - 2))
-        return before + share * (after - before)
+
+def at_probes(values: Tensor) -> Tensor:
+    """Return what is at the probes.  [S, 1 + Q + 1, ...] -> [S, Q, ...]."""
+    return values[:, 1:-1]
+
+
+def lerp(before: Tensor, after: Tensor) -> Tensor:
+    """Interpolate as a program does.  [S, 1, ...] -> [S, Q, ...]."""
+    share = torch.tensor(PROBES, dtype=before.dtype).reshape(-1, *[1] * (before.ndim - 2))
+    return before + share * (after - before)
 
 
 class Spans(Protocol):
@@ -130,10 +131,18 @@ class Flux:
         first, last = self.first[:, None], self.last[:, None]
         return first + time[..., None] * (last - first)
 
-    def scale(self, time: Tensor) -> Tensor:
-        """Return what errors are relative to.  [S, Q]."""
+    def scale(self, time: Tensor, whole: Tensor) -> Tensor:
+        """Return what errors are relative to.
+
+        Args:
+            time: In shares of the span.  [S, Q]
+            whole: The flux then, the channels together.  [S, Q]
+
+        Returns:
+            [S, Q]
+        """
         first, last = self.faint[:, :1], self.faint[:, 1:]
-        return torch.maximum(total(self.when(time)), first + time * (last - first))
+        return torch.maximum(whole, first + time * (last - first))
 
 
 def worst(flux: Tensor, radiance: Tensor, scale: Tensor) -> Tensor:
@@ -148,22 +157,32 @@ def total(light: Tensor) -> Tensor:
     return red + green + blue
 
 
-def through(nodes: Tensor, time: Tensor) -> Tensor:
-    """Return the polynomial through what is known at even steps from the beginning to the end.
+@dataclass(frozen=True)
+class Curve:
+    """The polynomial through what is known at even steps from the beginning to the end.
 
-    Args:
-        nodes: At 0, 1 / (K - 1), ..., 1.  [S, K, ...]
-        time: [S, Q]
-
-    Returns:
-        [S, Q, ...]
+    Attributes:
+        terms: Coefficients of 1, t, t^2, ....  [K, S, ...]
     """
-    terms = torch.einsum("jk,sk...->js...", _powers_from_nodes(nodes.shape[1]), nodes)
-    way = time.reshape(*time.shape, *[1] * (nodes.ndim - 2))
-    value = terms[-1].unsqueeze(1)
-    for term in reversed(terms[:-1].unbind()):  # Horner's scheme
-        value = term.unsqueeze(1) + way * value
-    return value
+
+    terms: Tensor
+
+    @classmethod
+    def through(cls, nodes: Tensor) -> Self:
+        """Take what is known at 0, 1 / (K - 1), ..., 1.  [S, K, ...]."""
+        return cls(torch.einsum("jk,sk...->js...", _powers_from_nodes(nodes.shape[1]), nodes))
+
+    def at(self, index: Tensor) -> Self:
+        """Pick spans."""
+        return type(self)(self.terms[:, index])
+
+    def when(self, time: Tensor) -> Tensor:
+        """Return its value at shares of the span.  [S, Q] -> [S, Q, ...]."""
+        way = time.reshape(*time.shape, *[1] * (self.terms.ndim - 2))
+        value = self.terms[-1].unsqueeze(1)
+        for term in reversed(self.terms[:-1].unbind()):  # Horner's scheme
+            value = term.unsqueeze(1) + way * value
+        return value
 
 
 @cache
@@ -197,14 +216,14 @@ class LobeSpans:
     Attributes:
         flux: Its flux.
         sharpness: Its logarithm at both ends.  [S, 2, 2]
-        integral: Logarithm of the unit lobe's integral, at even steps.  [S, K]
-        slopes: Its slopes along the logarithms of the sharpness, likewise.  [S, K, 2]
+        integral: Logarithm of the unit lobe's integral.  S
+        slopes: Its slopes along the logarithms of the sharpness.  S of 2
     """
 
     flux: Flux
     sharpness: Tensor
-    integral: Tensor
-    slopes: Tensor
+    integral: Curve
+    slopes: Curve
 
     @classmethod
     def of(cls, flux: Flux, lobes: Lobes, integral: Tensor) -> Self:
@@ -219,188 +238,33 @@ class LobeSpans:
             ]
             slopes.append((ends[0] - ends[1]) / (2 * SLOPE_STEP))
         sharpness = lobes.sharpness[:, [0, -1]].log()
-        return cls(flux, sharpness, integral.log(), torch.stack(slopes, -1))
+        curves = Curve.through(integral.log()), Curve.through(torch.stack(slopes, -1))
+        return cls(flux, sharpness, *curves)
 
     def at(self, index: Tensor) -> Self:
         """Pick spans."""
         return type(self)(
-            self.flux.at(index), self.sharpness[index], self.integral[index], self.slopes[index]
+            self.flux.at(index),
+            self.sharpness[index],
+            self.integral.at(index),
+            self.slopes.at(index),
         )
 
     def error(self, before: Tensor, after: Tensor) -> Tensor:
         """Return the largest error."""
-        times = Times.of(before, after)
-        sharpness = times.lerp(*(self._log(time).exp() for time in (times.before, times.after)))
-        amplitude = times.lerp(*(self._amplitude(time) for time in (times.before, times.after)))
-        shapes = sharpness.log() - self._log(times.now)
-        slopes = through(self.slopes, times.now)
-        integral = through(self.integral, times.now) + (slopes * shapes).sum(-1)
-        flux, wanted = amplitude * integral.exp()[..., None], self.flux.when(times.now)
+        times = times_between(before, after)
+        log, whole, light = self._log(times), self.integral.when(times), self.flux.when(times)
+        shapes = lerp(*(end.exp() for end in at_ends(log))).log() - at_probes(log)
+        amplitude = lerp(*at_ends(light / whole.exp()[..., None]))
+        now, wanted = at_probes(times), at_probes(light)
+        integral = at_probes(whole) + (self.slopes.when(now) * shapes).sum(-1)
+        flux = amplitude * integral.exp()[..., None]
         return worst(
             total(flux - wanted),
             gaussian_radiance(flux, wanted, shapes),
-            self.flux.scale(times.now),
+            self.flux.scale(now, total(wanted)),
         )
 
     def _log(self, time: Tensor) -> Tensor:
         first, last = self.sharpness[:, :1], self.sharpness[:, 1:]
         return first + time[..., None] * (last - first)  # [S, Q, 2]
-
-    def _amplitude(self, time: Tensor) -> Tensor:
-        return self.flux.when(time) / through(self.integral, time).exp()[..., None]
-
-
-@dataclass(frozen=True)
-class CardSpans:
-    """Spans of cards that have one radiance, such as `tall` and `wide`.
-
-    Attributes:
-        flux: Theirs together.
-        squares: Logarithms of their mean x^2 and y^2, at even steps.  [S, K, C, 2]
-        ratios: What gives their sizes from these (`cards.extent_of`), likewise; for cards with the
-            texture, their sizes.  [S, K, C, .]
-        is_textured: Whether they have the texture.
-    """
-
-    flux: Flux
-    squares: Tensor
-    ratios: Tensor
-    is_textured: bool = False
-
-    @classmethod
-    def of(
-        cls, flux: Flux, squares: Tensor, pieces: Sequence[cards.Piece], *, is_textured: bool
-    ) -> Self:
-        """Take the mean squares of lobes at even steps.  [S, K, 2]."""
-        relative = squares.new_tensor([piece.squares for piece in pieces])
-        own = squares[:, :, None] * relative  # [S, K, C, 2]
-        extents = cards.extent(own, is_textured=is_textured)
-        ratios = extents.log() if is_textured else cards.ratio_of(extents)[..., None]
-        return cls(flux, own.log(), ratios, is_textured)
-
-    def at(self, index: Tensor) -> Self:
-        """Pick spans."""
-        return replace(
-            self,
-            flux=self.flux.at(index),
-            squares=self.squares[index],
-            ratios=self.ratios[index],
-        )
-
-    def error(self, before: Tensor, after: Tensor) -> Tensor:
-        """Return the largest error of any card."""
-        times = Times.of(before, after)
-        now, first, last = (self._sizes(time) for time in (times.now, times.before, times.after))
-        light = self._light(times.now, now)
-        (dim, dim_tint), (lit, lit_tint) = (
-            intensity_and_color(self._light(time, sizes))
-            for time, sizes in ((times.before, first), (times.after, last))
-        )
-        shown = times.lerp(dim, lit)[..., None] * times.lerp(dim_tint, lit_tint)
-        size = times.lerp(first, last)  # [S, Q, C, 2]
-        solid, true_solid = cards.solid_angle(size), cards.solid_angle(now)
-        shown, light = shown[:, :, None], light[:, :, None]
-        flux, true = shown * solid[..., None], light * true_solid[..., None]
-        common = cards.solid_angle(torch.minimum(size, now))
-        radiance = _apart(shown, flux, light, true, common)  # of a Gaussian it is less
-        over = self.flux.scale(times.now) / total(self.flux.when(times.now))
-        scale = total(true) * over[..., None]
-        return worst(*(one.flatten(1) for one in (total(flux - true), radiance, scale)))
-
-    def _sizes(self, time: Tensor) -> Tensor:
-        """Return half width and half height of the cards at distance 1.  [S, Q, C, 2]."""
-        ratios = through(self.ratios, time)
-        if self.is_textured:
-            return ratios.exp()
-        return cards.extent_of(through(self.squares, time).exp(), ratios)
-
-    def _light(self, time: Tensor, sizes: Tensor) -> Tensor:
-        """Return the radiance.  [S, Q, 3]."""
-        whole = cards.solid_angle(sizes).sum(-1)
-        return self.flux.when(time) / whole[..., None]
-
-
-@dataclass(frozen=True)
-class DiscSpans:
-    """Spans of a lobe's distant lights: one disc, or three in a row.
-
-    Attributes:
-        flux: The lobe's.
-        facing: Logarithm of the irradiance on a patch that faces it, over the flux, at even
-            steps.  [S, K]
-        squares: Logarithms of its mean x^2 and y^2.  [S, K, 2]
-        is_three: Whether they are three.
-    """
-
-    flux: Flux
-    facing: Tensor
-    squares: Tensor
-    is_three: bool
-
-    def at(self, index: Tensor) -> Self:
-        """Pick spans."""
-        return replace(
-            self,
-            flux=self.flux.at(index),
-            facing=self.facing[index],
-            squares=self.squares[index],
-        )
-
-    def error(self, before: Tensor, after: Tensor) -> Tensor:
-        """Return the largest error of any disc."""
-        times = Times.of(before, after)
-        (true_radius, tilt), *ends = (self._discs(time) for time in times)
-        radius, tilted = (times.lerp(first, last) for first, last in zip(*ends, strict=True))
-        wanted = self._light(times.now, tilt)
-        (dim, dim_tint), (lit, lit_tint) = (
-            intensity_and_color(self._light(time, end[1]))
-            for time, end in zip((times.before, times.after), ends, strict=True)
-        )
-        irradiance = times.lerp(dim, lit)[..., None] * times.lerp(dim_tint, lit_tint)
-        shown = irradiance / (torch.pi * radius.sin().square())[..., None]
-        light = wanted / (torch.pi * true_radius.sin().square())[..., None]
-        solid, true_solid = _cap(radius), _cap(true_radius)
-        flux, true = shown * solid[..., None], light * true_solid[..., None]
-        radiance = _apart(shown, flux, light, true, torch.minimum(solid, true_solid))
-        over = self.flux.scale(times.now) / total(self.flux.when(times.now))
-        scale = total(true) * over
-        moved = (tilted - tilt).norm(dim=-1)
-        # of two discs side by side, 4 d / (pi r) of the area lies outside the other, d apart
-        aside = 2 * distant.OUTER * 4 * moved / (torch.pi * true_radius)
-        radiance = radiance + aside * total(true)
-        turned = torch.rad2deg(moved).amax(-1) / (MARGIN * TURN_DEG)
-        return torch.maximum(worst(total(flux - true), radiance, scale), turned)
-
-    def _light(self, time: Tensor, tilt: Tensor) -> Tensor:
-        """Return the irradiance of the discs, up to a constant.  [S, Q, 3]."""
-        whole = (1 - 2 * distant.OUTER) + 2 * distant.OUTER * tilt.norm(dim=-1).cos()
-        return self.flux.when(time) * (through(self.facing, time).exp() / whole)[..., None]
-
-    def _discs(self, time: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the radius of the discs [S, Q], and the way to the outer ones [S, Q, 2]."""
-        squares = through(self.squares, time).exp()
-        if not self.is_three:
-            return distant.disc_radius(squares.sum(-1)), torch.zeros_like(squares)
-        spread = distant.Spread.of(squares)
-        along_x = spread.along_x[..., None] == torch.tensor([True, False])
-        return spread.radius, torch.where(along_x, spread.tilt[..., None], 0.0)
-
-
-def _apart(shown: Tensor, flux: Tensor, light: Tensor, wanted: Tensor, common: Tensor) -> Tensor:
-    """Return the integral of the difference of two even lights about one centre.
-
-    Args:
-        shown: Radiance of the one.  [S, Q, 3]
-        flux: Its flux.  [S, Q, 3]
-        light: Radiance of the other.  [S, Q, 3]
-        wanted: Its flux.  [S, Q, 3]
-        common: Solid angle that both shine from.  [S, Q]
-    """
-    both = common[..., None]
-    beyond = (flux - shown * both) + (wanted - light * both)
-    return total((shown - light).abs() * both + beyond.clamp(min=0))
-
-
-def _cap(radius: Tensor) -> Tensor:
-    """Return the solid angle of discs."""
-    return 4 * torch.pi * (radius / 2).sin().square()
