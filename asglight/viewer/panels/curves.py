@@ -119,7 +119,7 @@ def _plot(
     if is_logarithmic:
         implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
         numbers = log_ticks(*limits)
-        implot.setup_axis_ticks(implot.ImAxis_.y1, numbers, [f"{n:.3g}" for n in numbers])
+        implot.setup_axis_ticks(implot.ImAxis_.y1, numbers, [f"{n:g}" for n in numbers])
     lights = (state.tracks.lobes.amplitude > 0).any(-1).any(0).tolist()  # in any frame
     for lobe, values in enumerate(tracks):
         if not lights[lobe] or lobe in state.history.deleted:
