@@ -10,6 +10,7 @@ values.
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import PurePath
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ from torch import Tensor
 
 from asglight.lobes import LobeTracks, asg, frames
 from asglight.lobes.data import Lobes
-from asglight.threads import one_thread
+from asglight.threads import beside, one_thread
 from asglight.usd import schema
 from asglight.usd.digest import author_digest, digest_of_values
 from asglight.usd.lights import cards, distant
@@ -88,7 +89,8 @@ def build(
     space = space_for(options)
     lobes = continuous(to_stage(tracks.lobes, space))
     shot = Shot(lobes, author.frames)
-    with Sdf.ChangeBlock():
+    finding = [partial(_lights, shot, one, tracks, options, images, kinds) for one in options.held]
+    with beside(finding) as found, Sdf.ChangeBlock():
         rig = _author_rig(layer, options.primary_path)
         _author_stage_metadata(layer, tracks, options)
         rig.SetInfo("customData", {schema.CUSTOM_DATA: _custom_data(tracks, options)})
@@ -98,14 +100,10 @@ def build(
         scope = Sdf.PrimSpec(rig, schema.LOBES, Sdf.SpecifierDef, "Scope")
         author_in(author, scope, tracks.names, shot.of_lobes())
         author_display_names(scope, tracks.names, tracks.display_names)
-        for representation, holder in _holders(rig, options).items():
-            lights: list[TimedLights] = [((), author.frames)] * lobes.count
-            if representation is Representation.CARDS:
-                lights = card_lights(shot, options.card_distance, kinds, images.card)
-            elif representation is Representation.DISTANT:
-                threefold = distant.threefold(tracks.lobes, options.distant_lights)
-                lights = distant_lights(shot, threefold)
-            elif representation is Representation.KEYS and keys is not None:
+        holders = _holders(rig, options)
+        for representation, lights in zip(options.held, found(), strict=True):
+            holder = holders[representation]
+            if representation is Representation.KEYS and keys is not None:
                 _author_keys(author, holder, keys, options, space)
             kind = schema.LIGHT_TYPES[representation]
             author_lights(author, holder, kind, tracks.names, lights)
@@ -114,6 +112,22 @@ def build(
             if representation is Representation.DOME:
                 _author_dome(author, holder, schema.DOME, images.dome, space)
     return layer, author
+
+
+def _lights(
+    shot: Shot,
+    representation: Representation,
+    tracks: LobeTracks,
+    options: StageOptions,
+    images: Images,
+    kinds: Sequence[cards.Kind],
+) -> "list[TimedLights]":
+    """Return the lights of every lobe in a representation; in a dome they have none."""
+    if representation is Representation.CARDS:
+        return card_lights(shot, options.card_distance, kinds, images.card)
+    if representation is Representation.DISTANT:
+        return distant_lights(shot, distant.threefold(tracks.lobes, options.distant_lights))
+    return [((), np.asarray(tracks.frames, dtype=np.float64))] * tracks.lobes.count
 
 
 def continuous(lobes: Lobes, *, keeps_first: bool = False) -> Lobes:
