@@ -27,6 +27,7 @@ from asglight.viewer.io.documents import RECENT_MAX, Documents, Opener
 from asglight.viewer.io.rendering import Rendering
 from asglight.viewer.io.saving import display_pixels
 from asglight.viewer.io.wanted import TURNTABLE, Wanted
+from asglight.viewer.pacing import wait_for_frame
 from asglight.viewer.panels import help as help_panel
 from asglight.viewer.panels import widgets
 from asglight.viewer.panels.balls import balls
@@ -133,6 +134,8 @@ class Window:
 
     def before_picture(self) -> None:
         """Bring the state to this moment: time, sources, files."""
+        if self.rendering is None:
+            wait_for_frame(self.state)
         self.documents.update()
         state = self.state
         io = imgui.get_io()
