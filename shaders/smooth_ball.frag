@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A ball lit by a latlong map without samples: linear radiance times coverage, and coverage.
 //
-// With TABLE, what asglight/shading/ball_tables.py has summed at a grid of normals. Without it, for
-// the sharper balls while something moves: the map's mip levels around the mirror direction. GGX is a
+// With TABLE, what asglight/shading/ball_tables.py has summed at normals. Without it, for the
+// sharpest balls while something moves: the map's mip levels around the mirror direction. GGX is a
 // mixture of even discs in slopes, of which SMOOTH_DISCS of equal weight are looked up, each in the
 // level that is as wide as its light; disc k has rho^2 = alpha^2 sqrt(W) / (1 - sqrt(W)) with
 // W = (k + 1/2) / SMOOTH_DISCS, which is the mixture's distribution inverted.
@@ -14,7 +14,7 @@
 const int SMOOTH_DISCS = 5;
 
 uniform vec3 u_cell;          // column, row and size in pixels
-uniform sampler2D u_table;    // radiance over the grid of normals; without TABLE, irradiance over pi
+uniform sampler2D u_table;    // radiance over angles and azimuths of normals; without TABLE, irradiance over pi
 #ifndef TABLE
 uniform sampler2D u_map;      // with mips
 uniform sampler2D u_albedo_table;
@@ -26,12 +26,14 @@ uniform vec3 u_albedo;
 
 layout(location = 0) out vec4 o_radiance;
 
-// Return what the table holds for the normal at a place of the picture, x right, y down.
+// Return what the table holds for the normal at a place of the picture, x right, y down: rows are
+// angles to the view, columns azimuths.
 vec3 at_normal(vec2 place, float radius) {
+    vec2 size = vec2(textureSize(u_table, 0));
     float angle = asin(min(radius, 1.0)) / (0.5 * PI);
-    vec2 share = 0.5 + 0.5 * place * (radius > 0.0 ? angle / radius : 0.0);
-    float side = float(textureSize(u_table, 0).x);
-    return textureLod(u_table, (share * (side - 1.0) + 0.5) / side, 0.0).rgb;
+    float azimuth = radius > 0.0 ? atan(-place.y, place.x) / (2.0 * PI) : 0.0;
+    vec2 texel = vec2(azimuth * size.x, angle * (size.y - 1.0)) + 0.5;
+    return textureLod(u_table, texel / size, 0.0).rgb;
 }
 
 #ifndef TABLE

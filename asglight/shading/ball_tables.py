@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rough and matte balls under a map by sums over coarse texels: no samples, no noise.
+"""Glossy to matte balls under a map by sums over texels: no samples, no noise.
 
-A ball of roughness 0.5 or more is smooth. It is known everywhere from its values at some normals,
-and it cannot tell texels of a few degrees from each other. The values are a matrix [normals,
-texels] times the flux of the texels, and the matrix is the same for every map, view and turn: the
-map is brought into the camera's frame, where the view is +Z.
+Normals and lights are taken in polar coordinates about the view: the angle to it, and the azimuth.
+What a normal shows of a light depends on both angles and on the difference of the azimuths, so that
+the sum over lights is a convolution along the azimuth, a product of its Fourier coefficients
+[convolution theorem]: for each of them a small matrix from angles of lights to angles of normals.
+The matrices are the same for every map, view and turn. Where a highlight is narrow across, at the
+rim, the lights that it mirrors lie near the pole behind the ball, where columns are narrow too.
 
-Normals lie on a square grid over the disc whose radius is their angle to the view (the azimuthal
-equidistant disc), so that the rim, where a layer changes fastest, has more of them than the
-picture has pixels. Grid and texels are symmetric left to right and top to bottom: the matrix holds
-a quarter of the normals and meets the map four times, mirrored.
-
-Symbols: G normals along a side of the grid, Q = (G + 1) / 2 of a quarter; T rows of texels.
+Symbols: N angles of normals; C azimuths of normals; T angles of lights; M Fourier coefficients.
 """
 
 import functools
@@ -20,128 +17,138 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from scipy import sparse
 from torch import Tensor
 
 from asglight.shading import ggx
 from asglight.sphere import latlong
 
-GRID = 65
-"""Normals along a side: 2.8 degrees from one to the next."""
 
-TEXEL_ROWS = 40
-"""Rows of texels: 4.5 degrees, a quarter of the half width of a highlight at a roughness of 0.5."""
+class Grid(NamedTuple):
+    """How finely a ball is known.
 
-SOURCE_ROWS = 128
-"""Rows of the map whose texels are dealt out to those in the camera's frame."""
+    Attributes:
+        lights: T.
+        normals: N, from the view to the rim, both included.
+        columns: C.
+    """
 
-ROUGHNESS_MIN = 0.5
-"""Sharper balls would need finer grids: the matrix grows as 1 / roughness^8."""
+    lights: int
+    normals: int
+    columns: int
+
+
+FINE = Grid(128, 97, 512)
+"""Lights of 1.4 degrees, a quarter of the half width of a highlight at a roughness of 0.25; normals
+of 0.9 degrees, between which a highlight's peak is straight to 1.5 %."""
+
+COARSE = Grid(64, 49, 256)
+"""For four times as wide highlights, and matte balls."""
+
+COARSE_ROUGHNESS = 0.5
+"""From which the coarse grid shows as much as the fine one."""
+
+ROUGHNESS_MIN = 0.25
+"""Sharper balls would need finer grids: the work grows as 1 / roughness^6."""
+
+AZIMUTHS = 2 * FINE.lights
+"""Columns of lights."""
+
+SOURCE_ROWS = 256
+"""Rows of the map whose texels are dealt out to those about the view: twice as fine as these, so
+that an even map is dealt out evenly."""
 
 _COS_VIEW_MIN = 1e-3
 """Stands for n.v = 0 on the rim, where V is 0 / 0."""
 
 
 class Layer(NamedTuple):
-    """What a quarter of the normals shows of the flux of each texel.
+    """What normals show of the flux of lights.
 
     Attributes:
-        plain: The part A of `f0 A + B`.  [Q Q, T 2T]
-        grazing: The part B.  [Q Q, T 2T]
+        plain: The part A of `f0 A + B`.  [M, N, T]
+        grazing: The part B.  [M, N, T]
     """
 
     plain: Tensor
     grazing: Tensor
 
 
-def normals() -> Tensor:
-    """Return the normals of a quarter of the grid, right and up, camera frame.  [Q, Q, 3]."""
-    place = torch.linspace(0, 1, (GRID + 1) // 2, dtype=torch.float64)
-    up, right = torch.meshgrid(place, place, indexing="ij")
-    radius = torch.hypot(right, up)
-    angle = 0.5 * math.pi * radius.clamp(max=1)  # off the disc: its rim
-    scale = torch.sin(angle) / radius.clamp(min=1e-12)  # 1e-12: the middle, where right is 0
-    return torch.stack([right * scale, up * scale, torch.cos(angle)], dim=-1)
+def grid(roughness: float | None) -> Grid:
+    """Return the grid of a roughness; None is a Lambertian ball."""
+    return COARSE if roughness is None or roughness >= COARSE_ROUGHNESS else FINE
+
+
+def angles(size: Grid) -> Tensor:
+    """Return the angles of normals to the view, radians, float64.  [N]."""
+    return torch.linspace(0, 0.5 * math.pi, size.normals, dtype=torch.float64)
 
 
 @functools.lru_cache(maxsize=4)
 def layer(roughness: float) -> Layer:
-    """Return the matrices of a GGX layer; rows sum to the layer's exact directional albedo.
+    """Return the matrices of a GGX layer; an even map shows its exact directional albedo.
 
     Args:
         roughness: Perceptual, ROUGHNESS_MIN or more.
     """
-    alpha = roughness**2
-    normal = normals().flatten(0, 1).float()  # [QQ, 3]
-    lights = latlong.directions(TEXEL_ROWS, 2 * TEXEL_ROWS).flatten(0, 1)
-    cos_view = normal[:, 2:].clamp(min=_COS_VIEW_MIN)
-    cos_light = (normal @ lights.mT).clamp(min=0)
-    half2 = (2 + 2 * lights[:, 2]).clamp(min=1e-6)  # |v + l|^2; straight behind there is no light
+    alpha, size = roughness**2, grid(roughness)
+    cos_view, half2, cos_light = _cosines_of(size)
     sin2_half = (1 - (cos_view + cos_light).square() / half2).clamp(min=0)
     kernel = ggx.distribution(sin2_half, alpha)
     kernel *= ggx.visibility(cos_view, cos_light, alpha) * cos_light
     grazing = (1 - 0.5 * half2.sqrt()).clamp(0, 1) ** 5  # v.h is half of |v + l|
-    exact = ggx.albedo_parts(cos_view[:, 0].double(), alpha).float()
-    areas = latlong.texel_solid_angles(TEXEL_ROWS, 2 * TEXEL_ROWS).expand(-1, 2 * TEXEL_ROWS)
-    parts = []
-    for column, part in enumerate((kernel * (1 - grazing), kernel * grazing)):
-        found = (part * areas.reshape(1, -1)).sum(1)
-        parts.append(part * (exact[:, column] / found.clamp(min=1e-12))[:, None])
-    return Layer(*parts)
+    exact = albedo(roughness)
+    return Layer(
+        _coefficients(kernel * (1 - grazing), exact[:, 0], size),
+        _coefficients(kernel * grazing, exact[:, 1], size),
+    )
 
 
-@functools.lru_cache(maxsize=1)
-def cosines() -> Tensor:
-    """Return the matrix of irradiance over pi; rows of an even map give its radiance.
-
-    [Q Q, T 2T].
-    """
-    normal = normals().flatten(0, 1).float()
-    lights = latlong.directions(TEXEL_ROWS, 2 * TEXEL_ROWS).flatten(0, 1)
-    areas = latlong.texel_solid_angles(TEXEL_ROWS, 2 * TEXEL_ROWS).expand(-1, 2 * TEXEL_ROWS)
-    kernel = (normal @ lights.mT).clamp(min=0)
-    return kernel / (kernel * areas.reshape(1, -1)).sum(1, keepdim=True)
+@functools.lru_cache(maxsize=2)
+def cosines(size: Grid) -> Tensor:
+    """Return the matrices of irradiance over pi; an even map shows its radiance.  [M, N, T]."""
+    *_, cos_light = _cosines_of(size)
+    return _coefficients(cos_light, torch.ones(size.normals), size)
 
 
 @functools.lru_cache(maxsize=8)
 def albedo(roughness: float) -> Tensor:
-    """Return the directional albedo of the whole grid in its two parts.  [G, G, 2]."""
-    cos_view = normals()[..., 2].clamp(min=_COS_VIEW_MIN)
-    parts = ggx.albedo_parts(cos_view.flatten(), roughness**2)
-    return _mirrored(parts.view(*cos_view.shape, 2).float()[None].expand(4, -1, -1, -1))
+    """Return the directional albedo at the angles of normals in its two parts.  [N, 2]."""
+    cos_view = torch.cos(angles(grid(roughness))).clamp(min=_COS_VIEW_MIN)
+    return ggx.albedo_parts(cos_view, roughness**2).float()
 
 
 class CameraMap:
-    """A latlong map as the flux of texels in a camera's frame, in each of four mirrored forms."""
+    """A latlong map as the Fourier coefficients of its flux about the view of a camera."""
 
     def __init__(self, radiance: np.ndarray, camera_from_world: np.ndarray) -> None:
-        """Deal the light of a map's texels out to those of the camera's frame.
+        """Deal the light of a map's texels out to those about the view.
 
         Args:
             radiance: Finite and not negative, float32.  [H, W, 3]
             camera_from_world: A rotation.  [3, 3]
         """
         image = torch.from_numpy(np.ascontiguousarray(radiance))
+        rows = SOURCE_ROWS
         # a map of fewer texels than there are places to deal them out to is even within them
-        finer = max(1, math.ceil(SOURCE_ROWS / min(image.shape[0], image.shape[1] / 2)))
+        finer = max(1, math.ceil(rows / min(image.shape[0], image.shape[1] / 2)))
         image = image.repeat_interleave(finer, 0).repeat_interleave(finer, 1)
-        rows, columns = SOURCE_ROWS, 2 * SOURCE_ROWS
-        image = latlong.reduce(image, rows, columns)
-        areas = latlong.texel_solid_angles(rows, columns)[..., None]
-        flux = (image * areas).reshape(-1, 3)
-        rotation = camera_from_world.astype(np.float64).tobytes()
-        place, weight = _dealing(rotation, rows, columns)
-        dealt = torch.zeros(2 * TEXEL_ROWS**2, 3)
-        for corner in range(4):
-            dealt.index_add_(0, place[corner], flux * weight[corner][:, None])
-        texels = dealt.view(TEXEL_ROWS, 2 * TEXEL_ROWS, 3)
-        # a normal that is mirrored sees what the normal sees in the mirrored map
-        forms = [texels.flip(flips) if flips else texels for flips in ([], [1], [0], [0, 1])]
-        self._flux = torch.cat([form.reshape(-1, 3) for form in forms], dim=1)  # [T 2T, 12]
+        image = latlong.reduce(image, rows, 2 * rows)
+        flux = (image * latlong.texel_solid_angles(rows, 2 * rows)[..., None]).reshape(-1, 3)
+        dealt = _dealing(camera_from_world.astype(np.float64).tobytes(), rows) @ flux.numpy()
+        lights = torch.from_numpy(dealt).view(FINE.lights, AZIMUTHS, 3)
+        found = torch.fft.rfft(lights, dim=1).permute(1, 0, 2)  # [M, T, 3]
+        fine = torch.cat([found.real, found.imag], dim=-1).contiguous()
+        merged = fine[: COARSE.lights + 1].unflatten(1, (COARSE.lights, -1)).sum(2)
+        self._coefficients = {FINE: fine, COARSE: merged}  # [M, T, 6]
 
-    def shown(self, kernel: Tensor) -> Tensor:
-        """Return what normals of the whole grid show by a matrix of this file.  [G, G, 3]."""
-        side = (GRID + 1) // 2
-        return _mirrored((kernel @ self._flux).view(side, side, 4, 3).permute(2, 0, 1, 3))
+    def shown(self, kernel: Tensor, size: Grid) -> Tensor:
+        """Return what normals show by matrices of this file.  [N, C, 3]."""
+        parts = torch.bmm(kernel, self._coefficients[size])  # [M, N, 6]
+        found = torch.complex(parts[..., :3].contiguous(), parts[..., 3:].contiguous())
+        shown = torch.fft.irfft(found, n=size.columns, dim=0).permute(1, 0, 2)
+        # beside a sun black is not quite 0: float32 rounds the coefficients
+        return (shown * (size.columns / AZIMUTHS)).clamp(min=0)
 
 
 def ball(
@@ -150,7 +157,7 @@ def ball(
     f0: tuple[float, float, float],
     base: tuple[float, float, float],
 ) -> np.ndarray:
-    """Return what a ball shows at the normals of the grid.
+    """Return what a ball shows at the normals of its grid.
 
     Args:
         seen: The map.
@@ -159,50 +166,75 @@ def ball(
         base: Diffuse reflectance under it.
 
     Returns:
-        Radiance, float32; rows go down the picture.  [G, G, 3]
+        Radiance, float32; rows from the view to the rim, columns from the right of the picture
+        over its top.  [N, C, 3]
     """
-    result = torch.zeros(GRID, GRID, 3)
-    through = torch.ones(GRID, GRID, 3)
+    size = grid(roughness)
+    result = torch.zeros(size.normals, size.columns, 3)
+    through = torch.ones(size.normals, 1, 3)
     if roughness is not None:
         matrices, reflectance = layer(roughness), torch.tensor(f0)
-        result = seen.shown(matrices.plain) * reflectance + seen.shown(matrices.grazing)
-        parts = albedo(roughness)
+        result = seen.shown(matrices.plain, size) * reflectance
+        result += seen.shown(matrices.grazing, size)
+        parts = albedo(roughness)[:, None]
         through = 1 - (parts[..., :1] * reflectance + parts[..., 1:])
     if any(base):
-        result = result + through * torch.tensor(base) * seen.shown(cosines())
+        result = result + through * torch.tensor(base) * seen.shown(cosines(size), size)
     return result.numpy()
 
 
-def _mirrored(quarters: Tensor) -> Tensor:
-    """Put a grid together: right and up, left and up, right and down, left and down.
+def _cosines_of(size: Grid) -> tuple[Tensor, Tensor, Tensor]:
+    """Return n.v, |v + l|^2 and n.l, of azimuths from 0 to half a turn.
+
+    [N, 1, 1], [T, 1], [N, T, M].
+    """
+    normal = angles(size)[:, None, None]
+    light = (torch.arange(size.lights, dtype=torch.float64)[:, None] + 0.5) * math.pi / size.lights
+    turn = torch.arange(AZIMUTHS // 2 + 1, dtype=torch.float64) * 2 * math.pi / AZIMUTHS
+    cos_light = torch.sin(normal) * torch.sin(light) * torch.cos(turn)
+    cos_light = (cos_light + torch.cos(normal) * torch.cos(light)).clamp(min=0)
+    half2 = (2 + 2 * torch.cos(light)).clamp(min=1e-6)  # straight behind there is no light
+    return torch.cos(normal).clamp(min=_COS_VIEW_MIN).float(), half2.float(), cos_light.float()
+
+
+def _coefficients(kernel: Tensor, of_even: Tensor, size: Grid) -> Tensor:
+    """Return the Fourier coefficients of a kernel over azimuths, which are real: it is even.
 
     Args:
-        quarters: Each from the middle outwards.  [4, Q, Q, C]
+        kernel: At azimuths from 0 to half a turn.  [N, T, AZIMUTHS / 2 + 1]
+        of_even: What an even map of radiance 1 is to show.  [N]
+        size: The grid.
 
     Returns:
-        Rows go down the picture.  [G, G, C]
+        [M, N, T], as many as the lights have to half a turn
     """
-    right_up, left_up, right_down, left_down = quarters
-    upper = torch.cat([left_up.flip(1)[:, :-1], right_up], dim=1)
-    lower = torch.cat([left_down.flip(1)[:, :-1], right_down], dim=1)
-    return torch.cat([upper.flip(0)[:-1], lower], dim=0).contiguous()
+    whole = torch.cat([kernel, kernel[..., 1:-1].flip(-1)], dim=-1)
+    found = torch.fft.rfft(whole, dim=-1).real
+    edges = torch.linspace(0, math.pi, size.lights + 1, dtype=torch.float64)
+    areas = -torch.diff(torch.cos(edges)) * 2 * math.pi / AZIMUTHS
+    even = (found[..., 0].double() * areas).sum(1).clamp(min=1e-12)
+    found = found * (of_even / even)[:, None, None].float()
+    return found[..., : size.lights + 1].permute(2, 0, 1).contiguous()
 
 
 @functools.lru_cache(maxsize=2)
-def _dealing(rotation: bytes, rows: int, columns: int) -> tuple[Tensor, Tensor]:
-    """Return to which four texels each of a map is dealt out, and in which parts.  [4, texels]."""
+def _dealing(rotation: bytes, rows: int) -> sparse.csc_array:
+    """Return the matrix that deals each texel of a map out to four about the view, linearly."""
     camera_from_world = torch.from_numpy(np.frombuffer(rotation).reshape(3, 3).copy()).float()
-    directions = latlong.directions(rows, columns).flatten(0, 1) @ camera_from_world.mT
-    u, v = latlong.uv_from_direction(directions)
-    x = u * 2 * TEXEL_ROWS - 0.5
-    y = (v * TEXEL_ROWS - 0.5).clamp(0, TEXEL_ROWS - 1)
-    left, top = x.floor(), y.floor().clamp(max=TEXEL_ROWS - 2)
+    seen = latlong.directions(rows, 2 * rows).flatten(0, 1) @ camera_from_world.mT
+    azimuth = torch.atan2(seen[:, 1], seen[:, 0])
+    angle = torch.atan2(torch.hypot(seen[:, 0], seen[:, 1]), seen[:, 2])
+    x = azimuth * (AZIMUTHS / (2 * math.pi))
+    y = (angle * (FINE.lights / math.pi) - 0.5).clamp(0, FINE.lights - 1)
+    left, top = x.floor(), y.floor().clamp(max=FINE.lights - 2)
     right_part, lower_part = x - left, y - top
     places, weights = [], []
     for down in (0, 1):
         for right in (0, 1):
-            column = (left + right).long() % (2 * TEXEL_ROWS)
-            places.append((top.long() + down) * 2 * TEXEL_ROWS + column)
+            places.append((top.int() + down) * AZIMUTHS + (left.int() + right) % AZIMUTHS)
             across = right_part if right else 1 - right_part
             weights.append(across * (lower_part if down else 1 - lower_part))
-    return torch.stack(places), torch.stack(weights)
+    texels = len(seen)
+    parts = torch.stack(weights, dim=1).flatten().numpy(), torch.stack(places, 1).flatten().numpy()
+    starts = np.arange(0, 4 * texels + 1, 4, dtype=np.int32)
+    return sparse.csc_array((*parts, starts), shape=(FINE.lights * AZIMUTHS, texels))

@@ -5,7 +5,7 @@ import tempfile
 import warnings
 from pathlib import Path
 
-from imgui_bundle import hello_imgui, immapp
+from imgui_bundle import hello_imgui, imgui, immapp
 
 # After imgui_bundle: the first of the two to be imported decides whose GLFW both use.
 import glfw  # isort: skip
@@ -151,5 +151,6 @@ def runner_params(
     params.callbacks.show_status = window.guarded(window.status)
     params.callbacks.show_gui = window.guarded(window.keys)
     params.docking_params.dockable_windows = window.panels()
+    params.docking_params.main_dock_space_node_flags = int(imgui.DockNodeFlags_.none)
     params.docking_params.docking_splits = layout.splits(size, layout.FONT_POINTS)
     return params

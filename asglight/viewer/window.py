@@ -8,6 +8,7 @@ several texels wide.
 import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from asglight.viewer.io.documents import RECENT_MAX, Documents, Opener
 from asglight.viewer.io.rendering import Rendering
 from asglight.viewer.io.saving import display_pixels
 from asglight.viewer.io.wanted import TURNTABLE, Wanted
+from asglight.viewer.pacing import wait_for_frame
 from asglight.viewer.panels import help as help_panel
 from asglight.viewer.panels import widgets
 from asglight.viewer.panels.balls import balls
@@ -73,6 +75,7 @@ class Window:
         self._dialog: tuple[Request, dialogs.save_file] | None = None
         self._dropped: list[str] = []
         self._has_panels = True
+        self._docked: dict[str, bool] = {}
         self._title = ""
         self._message = "", 0.0
         self._theme: Theme | None = None
@@ -131,6 +134,8 @@ class Window:
 
     def before_picture(self) -> None:
         """Bring the state to this moment: time, sources, files."""
+        if self.rendering is None:
+            wait_for_frame(self.state)
         self.documents.update()
         state = self.state
         io = imgui.get_io()
@@ -187,15 +192,28 @@ class Window:
             ("History", "InspectorSpace", lambda: history(self.state)),
         )
         windows = [
-            hello_imgui.DockableWindow(name, space, self.guarded(draw))
+            hello_imgui.DockableWindow(name, space, self.guarded(partial(self._panel, name, draw)))
             for name, space, draw in drawers
         ]
         for window in windows:
-            if window.label in _UNSCROLLED:
-                window.imgui_window_flags = int(imgui.WindowFlags_.no_scrollbar) | int(
-                    imgui.WindowFlags_.no_scroll_with_mouse
-                )
+            window.imgui_window_flags = _flags(window.label)
         return windows
+
+    def _panel(self, name: str, draw: Callable[[], None]) -> None:
+        """Draw a panel, and let it paint its ground from now on only where it floats over others.
+
+        A docked one stands on the ground of the window, which has the same colour: without a GPU
+        half of what the panels took was to paint it once more.
+        """
+        draw()
+        is_docked = imgui.is_window_docked()
+        if is_docked is self._docked.get(name):
+            return
+        self._docked[name] = is_docked
+        for panel in hello_imgui.get_runner_params().docking_params.dockable_windows:
+            if panel.label == name:
+                bare = int(imgui.WindowFlags_.no_background) if is_docked else 0
+                panel.imgui_window_flags = _flags(name) | bare
 
     def bare(self) -> None:
         """Draw the balls alone, over all of the window."""
@@ -314,6 +332,10 @@ class Window:
             self._theme = self.state.theme
             hello_imgui.apply_theme(_THEMES[self._theme])
             style = imgui.get_style()
+            ground = style.color_(imgui.Col_.window_bg)
+            params = hello_imgui.get_runner_params().imgui_window_params
+            params.background_color = ImVec4(ground.x, ground.y, ground.z, 1.0)
+            style.set_color_(imgui.Col_.docking_empty_bg, ground)
             for colour in (imgui.Col_.slider_grab, imgui.Col_.slider_grab_active):
                 style.set_color_(colour, _HANDLE)
 
@@ -356,6 +378,12 @@ class Window:
             self.documents.browse(request)
         else:
             self._dialog = request, native.save_dialog(request, *self.documents.proposed(request))
+
+
+def _flags(name: str) -> int:
+    """Return how Dear ImGui treats a panel."""
+    flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+    return int(flags) if name in _UNSCROLLED else 0
 
 
 def _remembers() -> bool:

@@ -67,9 +67,9 @@ def measured(case: str, stage: Path, reference: str) -> str:
 
     images = reference if case in ("compare", "rest") else None
     session = opened(Request(str(stage), images))
-    _with_lobes(session.state, MANY if case == "many" else LOBES)
     app.set_up(session, None, None)
-    session.wait()
+    session.wait()  # what the stage brings comes first, else it would take the place of the copies
+    _with_lobes(session.state, MANY if case == "many" else LOBES)
     if case == "ground":
         session.state.scene = Scene.GROUND
     screenshot.use_no_display()

@@ -26,7 +26,7 @@ from asglight.viewer.gl.passes import (
 )
 from asglight.viewer.gl.reference.reference_cache import ReferenceCache
 from asglight.viewer.gl.reference.reference_pass import ReferencePass
-from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_tabled
+from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_exact, is_tabled
 from asglight.viewer.reference.reference_map import levels
 from asglight.viewer.state.compared.against import Lit
 from asglight.viewer.state.held import Held
@@ -239,7 +239,9 @@ class Preview(Layer):
             return
         rotation = state.camera.from_environment()
         seen = CameraMap(image, rotation)
-        irradiance = self._pass.table(seen.shown(ball_tables.cosines()).numpy())
+        coarse = ball_tables.COARSE
+        cosines = seen.shown(ball_tables.cosines(coarse), coarse)
+        irradiance = self._pass.table(cosines.numpy())
         latlong.upload(image)
         latlong.filter_levels()
         self._target.use()
@@ -333,7 +335,7 @@ class Integral:
         sampled = [
             cell.size**2
             for ball, cell in zip(state.balls, cells(size, len(state.balls)), strict=True)
-            if not is_tabled(ball)
+            if not is_exact(ball)
         ]
         wanted = TEXEL_SAMPLES_AT_ONCE // max(sum(sampled), 1)
         self._pass.accumulate(min(max(wanted, SAMPLES_LEAST), SAMPLES_MOST))

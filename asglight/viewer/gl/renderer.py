@@ -1,18 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The layers put together: what is shaded, what is only shown anew, and how fine while it moves."""
 
-from dataclasses import astuple, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
 import moderngl
 import numpy as np
 
-from asglight.errors import InputError
-from asglight.viewer.colour import opencolorio
 from asglight.viewer.gl.albedo_table import albedo_table
-from asglight.viewer.gl.arrangement import cells, drawn_areas, strip
+from asglight.viewer.gl.arrangement import cells, strip
 from asglight.viewer.gl.compare import ball_errors
-from asglight.viewer.gl.display_pass import DisplayPass
 from asglight.viewer.gl.draft import Draft, Stopwatch
 from asglight.viewer.gl.layers import (
     Background,
@@ -27,19 +24,14 @@ from asglight.viewer.gl.layers import (
 )
 from asglight.viewer.gl.lights.against import AgainstLayers
 from asglight.viewer.gl.lights.keyed import KeyedBalls, KeyedMap
-from asglight.viewer.gl.passes import (
-    Area,
-    BackgroundPass,
-    Picture,
-    display_target,
-    release_target,
-)
+from asglight.viewer.gl.passes import BackgroundPass, Picture
+from asglight.viewer.gl.pictures.reading import compared, composed, pixels, texel
+from asglight.viewer.gl.pictures.screens import Name, Pictures, Screens
 from asglight.viewer.gl.scopes import Scoped, Scopes
-from asglight.viewer.state.display import Comparison, Subject, ViewTransform
+from asglight.viewer.state.display import Comparison, Subject
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Scene, ScopePlace, ScopeSide
-from asglight.viewer.uniforms.shader_defines import SURROUND
 
 
 @dataclass
@@ -69,7 +61,7 @@ class Renderer:
         self._keyed_balls: KeyedBalls | None = None
         self._reference_map = ReferenceMap(context)
         self._lit_map = ReferenceMap(context)
-        self._display = DisplayPass(context)
+        self._screens = Screens(context)
         self._blank = context.texture((1, 1), 4, bytes(16), dtype="f4")
         background_pass = BackgroundPass(context)
         self._backgrounds = (
@@ -78,7 +70,6 @@ class Renderer:
         )
         self._integrals: dict[bool, Integral] = {}
         self._lobes_image: tuple[Any, np.ndarray] | None = None
-        self._shown = {name: _Shown(context) for name in ("balls", "map")}
         self._against: AgainstLayers | None = None
         self._last: tuple[Picture, Picture | None] | None = None
         self._last_map: tuple[Picture, Picture | None] | None = None
@@ -90,13 +81,12 @@ class Renderer:
         self._is_draft = False
         self._draft = Draft()
         self._stopwatch = Stopwatch(context)
-        self.displayed = 0
         self.reference_progress = 1.0
 
     @property
     def counts(self) -> Counts:
         """What has been drawn so far."""
-        return Counts(self._closed_form.version, self.displayed)
+        return Counts(self._closed_form.version, self._screens.displayed)
 
     def balls(self, state: ViewerState, size: tuple[int, int]) -> moderngl.Framebuffer:
         """Bring the picture of the balls up to date.
@@ -115,7 +105,9 @@ class Renderer:
             divisor = self._draft.divisor
             with self._stopwatch:
                 self._last = self._pair(state, (-(-size[0] // divisor), -(-rows // divisor)))
-        return self._bring("balls", state, state.shown, self._last, self._versions(), size)
+        return self._screens.bring(
+            "balls", state, state.shown, Pictures(*self._last, self._truth), self._versions(), size
+        )
 
     def _wants_draft(self, state: ViewerState) -> bool:
         """Tell whether the light moves: an exposure that is dragged shades nothing anew."""
@@ -144,7 +136,7 @@ class Renderer:
             reference = Picture(self._reference_map.texture)
         pair = self._last_map = Picture(lights_map.texture), reference
         versions = lights_map.version, self._reference_map.version, *self._of_b_versions
-        return self._bring("map", state, state.shown_map, pair, versions, size)
+        return self._screens.bring("map", state, state.shown_map, Pictures(*pair), versions, size)
 
     def scoped(self, state: ViewerState) -> Scoped | None:
         """Measure a picture as it was drawn last; while something moves the last one stays."""
@@ -164,9 +156,9 @@ class Renderer:
         picture = None if pair is None else pair[index]
         return None if picture is None else picture.front
 
-    def shown(self, name: Literal["balls", "map"]) -> moderngl.Framebuffer:
+    def shown(self, name: Name) -> moderngl.Framebuffer:
         """Return a panel's picture as it was drawn last."""
-        return self._shown[name].target
+        return self._screens.shown(name)
 
     def _map_of(self, state: ViewerState) -> LobesMap | KeyedMap:
         """Return the map of the lights."""
@@ -175,7 +167,7 @@ class Renderer:
     @property
     def shown_balls(self) -> moderngl.Framebuffer:
         """The picture of the balls as it was drawn last."""
-        return self._shown["balls"].target
+        return self._screens.shown("balls")
 
     def pixel(self, x: float, y: float) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Read the radiance of fit and reference at a place of the balls' picture.
@@ -192,7 +184,8 @@ class Renderer:
         if self._last is None:
             return None, None
         found = [
-            None if picture is None else self._read(picture.front, x, y) for picture in self._last
+            None if picture is None else texel(self._context, picture.front, x, y)
+            for picture in self._last
         ]
         return found[0], found[1]
 
@@ -233,7 +226,7 @@ class Renderer:
         key = (*key, Held(state.reference_image), Held(state.against), fit.front.size, quarter)
         if of_b not in self._errors or self._errors[of_b][0] != key:
             arrangement = cells(fit.front.size, len(state.balls))
-            errors = ball_errors(_pixels(fit.front), _pixels(reference.front), arrangement)
+            errors = ball_errors(pixels(fit.front), pixels(reference.front), arrangement)
             self._errors[of_b] = key, errors
         return self._errors[of_b][1]
 
@@ -247,18 +240,17 @@ class Renderer:
             Radiance with the environment's intensity; 0 where nothing is.  [H, W, 3]
         """
         fit, reference = (
-            None if picture is None else _composed(picture)
-            for picture in self._last or (None, None)
+            None if picture is None else composed(picture) for picture in self._last or (None, None)
         )
         assert fit is not None  # `balls` comes first
         shown = state.shown
         if reference is None:
             reference = np.zeros_like(fit)
         if shown is Comparison.ROWS:
-            truth = [] if self._truth is None else [_composed(self._truth)]
+            truth = [] if self._truth is None else [composed(self._truth)]
             picture = np.concatenate([fit, reference, *truth])
         else:
-            single = _compared(shown, fit, reference, state.compared.wipe)
+            single = compared(shown, fit, reference, state.compared.wipe)
             top, rows = strip(self.shown_balls.height, state.parts)
             picture = np.zeros((self.shown_balls.height, *single.shape[1:]), np.float32)
             picture[top : top + rows] = single
@@ -284,7 +276,7 @@ class Renderer:
         fit = Picture(front, of_fit)
         if state.shown is Comparison.FIT:
             return fit, None
-        if image is None or not self.displayed:
+        if image is None or not self._screens.displayed:
             # The first picture does not wait for the reference's shader.
             if image is not None:
                 self.reference_progress = 0.0
@@ -303,7 +295,7 @@ class Renderer:
         own = self._own_front(state, size)
         if state.references is not None:
             front = self._blank
-            if image is not None and self.displayed:
+            if image is not None and self._screens.displayed:
                 front = self._integral(state, size, image, of_lobes=False)
             elif image is not None:  # as in `_pair`
                 self.reference_progress = 0.0
@@ -373,142 +365,8 @@ class Renderer:
         second.draw(state, self._reference_map.texture, self._reference_map.version, size)
         return first.texture, second.texture
 
-    def _read(self, texture: moderngl.Texture, x: float, y: float) -> np.ndarray | None:
-        """Read one texel; the others stay where they are."""
-        width, height = texture.size
-        place = min(int(x * width), width - 1), min(int(y * height), height - 1)
-        target = self._context.framebuffer([texture])
-        texel = np.frombuffer(target.read((*place, 1, 1), components=4, dtype="f4"), np.float32)
-        target.release()
-        return texel[:3] / texel[3] if texel[3] > 0 else None
-
     def _versions(self) -> tuple[int, ...]:
         keyed = () if self._keyed_balls is None else (self._keyed_balls,)
         layers = (self._closed_form, *keyed, self._ground, *self._backgrounds)
         versions = (layer.version for layer in (*layers, *self._integrals.values()))
         return *versions, *self._of_b_versions
-
-    def _bring(
-        self,
-        name: str,
-        state: ViewerState,
-        wanted: Comparison,
-        pair: tuple[Picture, Picture | None],
-        versions: tuple[int, ...],
-        size: tuple[int, int],
-    ) -> moderngl.Framebuffer:
-        """Draw pictures in the screen's colours, if they or what is wanted of them changed."""
-        _leave_unusable_view(state)
-        fit, reference = pair
-        comparison = Comparison.FIT if reference is None else wanted
-        wipe = state.compared.wipe if name == "balls" else state.map_view.wipe
-        shown = self._shown[name]
-        truth = self._truth if name == "balls" else None
-        frame = astuple(state.map_frame) if name == "map" else None
-        textures = tuple(map(Held, (*fit, *(reference or ()), *(truth or ()))))
-        key = (textures, versions, *_display_key(state), comparison, wipe, frame)
-        if not shown.needs(key, size):
-            return shown.target
-        columns, rows = size
-        parts: list[tuple[Comparison, Area]] = [(comparison, (0, 0, columns, rows))]
-        if comparison is Comparison.ROWS:
-            count = 2 if truth is None else 3
-            each = rows // count
-            parts = [
-                (Comparison.FIT, (0, 0, columns, each)),
-                (Comparison.REFERENCE, (0, each, columns, each)),
-            ]
-            if truth is not None:
-                parts.append((Comparison.REFERENCE, (0, 2 * each, columns, each)))
-        elif name == "balls":
-            top, height = strip(rows, state.parts)
-            parts = [(comparison, (0, top, columns, height))]
-        else:
-            x, y, wide, high = map(round, state.map_frame.area(columns, rows))
-            parts = [(comparison, (x, y, wide, high))]
-        is_row = name == "balls" and state.scene is Scene.BALLS
-        is_sparse = is_row and fit.background is None
-        shown.target.clear(*SURROUND, 1.0)
-        for place, (part, area) in enumerate(parts):
-            within = [(0, 0, columns, rows)] if name == "map" else None
-            if is_sparse:
-                within = drawn_areas(fit.front.size, len(state.balls), area)
-            self._display.draw(
-                fit,
-                truth if place == 2 else reference,
-                state.display,
-                part,
-                shown.target,
-                gain_ev=state.environment.intensity_ev,
-                wipe=wipe,
-                area=area,
-                within=within,
-            )
-        self.displayed += 1
-        return shown.target
-
-
-class _Shown:
-    """A display target, and what it shows."""
-
-    def __init__(self, context: moderngl.Context) -> None:
-        self._context = context
-        self.target = display_target(context, (1, 1))
-        self._key: tuple[Any, ...] | None = None
-
-    def needs(self, key: tuple[Any, ...], size: tuple[int, int]) -> bool:
-        """Tell whether a picture is another one than that shown, and make room for it."""
-        if self.target.size != size:
-            target = display_target(self._context, size)
-            target.use()  # moderngl binds the last used framebuffer again: it must exist
-            release_target(self.target)
-            self.target, self._key = target, None
-        changed = self._key is None or self._key != key
-        self._key = key
-        return changed
-
-
-def _leave_unusable_view(state: ViewerState) -> None:
-    """Go back to sRGB, and say why, where a view of OpenColorIO cannot be had (any more)."""
-    display = state.display
-    if display.transform is not ViewTransform.OPENCOLORIO:
-        return
-    try:
-        opencolorio.view_shader(display.colour_view)
-    except InputError as error:
-        state.message = str(error)
-        display.transform = ViewTransform.SRGB
-
-
-def _compared(shown: Comparison, fit: np.ndarray, reference: np.ndarray, wipe: float) -> np.ndarray:
-    """Return the radiance of one picture of two.  [H, W, 3]."""
-    at = round(wipe * fit.shape[1])
-    if shown is Comparison.WIPE:
-        return np.concatenate([fit[:, :at], reference[:, at:]], axis=1)
-    if shown is Comparison.DIFFERENCE:
-        return fit - reference
-    if shown is Comparison.RATIO:
-        with np.errstate(over="ignore"):  # over black it is infinite
-            return fit / np.maximum(reference, np.finfo(np.float32).tiny)
-    return fit if shown is Comparison.FIT else reference
-
-
-def _display_key(state: ViewerState) -> tuple[Any, ...]:
-    display = state.display
-    values = (display.exposure_ev, display.transform, display.channel, display.zebra)
-    values = (*values, display.colour_view)
-    return (*values, state.environment.intensity_ev)
-
-
-def _composed(picture: Picture) -> np.ndarray:
-    """Return balls over their background, if there is one, row 0 at the top.  [H, W, 3]."""
-    front = _pixels(picture.front)
-    radiance = front[..., :3]
-    if picture.background is None:
-        return radiance
-    return radiance + (1 - front[..., 3:]) * _pixels(picture.background)[..., :3]
-
-
-def _pixels(texture: moderngl.Texture) -> np.ndarray:
-    width, height = texture.size
-    return np.frombuffer(texture.read(), np.float32).reshape(height, width, 4)

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from asglight.lobes import Lobes
+from asglight.lobes import LobeTracks
 from asglight.sphere import latlong
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.panels import legend, widgets
@@ -15,6 +15,7 @@ from asglight.viewer.state.commands import command
 from asglight.viewer.state.edits import acting
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.picking import pick
+from asglight.viewer.state.shown import shown_lobes
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Outlines, Probe
 from asglight.viewer.uniforms import key_cards, outlines
@@ -28,6 +29,10 @@ ZOOM_STEP = 1.25
 STILL_EM = 0.7
 """Heights of the font by which a pressed pointer has to move before it turns a lobe: a hand
 trembles by a few points, with a pen by more."""
+
+KEPT_TIMES = 256
+"""Times whose outlines are kept, ten seconds of a shot: they take milliseconds, and a shot that is
+looked at plays again and again. Those of 15 lobes are 10 kB."""
 
 _KEY, _SHADOW = ImVec4(1.0, 1.0, 1.0, 0.9), ImVec4(0.0, 0.0, 0.0, 0.7)
 """Of the rectangles of keys: on a lamp nothing faint is seen."""
@@ -141,35 +146,42 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     others = _KEY if are_keys else widgets.FAINT
     segments = outlines.DRAFT_SEGMENTS if state.playback.is_playing else outlines.RING_SEGMENTS
     shows_all = state.outlines is Outlines.ALL
-    drawn = _curves(Held(state.lobes), are_keys, segments) if shows_all else []
+    moment = Held(state.tracks), state.playback.index, state.playback.part
+    drawn = _curves(*moment, are_keys, segments) if shows_all else []
+    centres = torch.stack(latlong.uv_from_direction(state.lobes.axis_z), dim=-1).tolist()
     for index in wanted:
         is_selected = index in selected
         shade = widgets.ACCENT if is_selected else others
         colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
-        outline = _outline(Held(state.lobes), index, are_keys) if is_selected else None
+        outline = _outline(*moment, index, are_keys) if is_selected else None
         for line in outline.curves if outline else drawn[index]:
             if are_keys:
                 _polyline(draw, line, origin, points, widgets.colour(_SHADOW), 4.0)
             _polyline(draw, line, origin, points, colour, 2.0 if is_selected else 1.0)
         for line in (*outline.arm_x, *outline.arm_y) if outline else ():
             _polyline(draw, line, origin, points, colour, 1.0)
-        u, v = latlong.uv_from_direction(state.lobes.axis_z[index])
-        centre = ImVec2(origin.x + float(u) * points[0], origin.y + float(v) * points[1])
+        u, v = centres[index]
+        centre = ImVec2(origin.x + u * points[0], origin.y + v * points[1])
         draw.add_circle_filled(centre, 3.0 if is_selected else 2.0, colour)
 
 
-@lru_cache(maxsize=2)
-def _curves(lobes: Held[Lobes], are_keys: bool, segments: int) -> list[outlines.Polylines]:
-    """Return the outlines of a frame; they take milliseconds, so that they are kept."""
+@lru_cache(maxsize=KEPT_TIMES)
+def _curves(
+    tracks: Held[LobeTracks], index: int, part: float, are_keys: bool, segments: int
+) -> list[outlines.Polylines]:
+    """Return the outlines at a time, as of `shown_lobes`."""
+    lobes = shown_lobes(tracks, index, part)
     if are_keys:
-        return [outline.curves for outline in key_cards.outlines(lobes.value)]
-    return outlines.curves(lobes.value, segments=segments)
+        return [outline.curves for outline in key_cards.outlines(lobes)]
+    return outlines.curves(lobes, segments=segments)
 
 
-@lru_cache(maxsize=32)
-def _outline(lobes: Held[Lobes], index: int, are_keys: bool) -> outlines.Outline:
+@lru_cache(maxsize=KEPT_TIMES)
+def _outline(
+    tracks: Held[LobeTracks], index: int, part: float, lobe: int, are_keys: bool
+) -> outlines.Outline:
     """Return the outline of one lobe, or the rectangle of one key, with its arms."""
-    one = lobes.value.select(torch.tensor([index]))
+    one = shown_lobes(tracks, index, part).select(torch.tensor([lobe]))
     return (key_cards.outlines if are_keys else outlines.outlines)(one)[0]
 
 

@@ -23,15 +23,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes
-from asglight.sphere import latlong
+from asglight.viewer.uniforms.polylines import Array, Indices, Polylines, polylines
 
-Array = NDArray[np.float64]
 Root = Callable[[Array, Array | float], Array]
-Polylines = tuple[Array, ...]
 
 HALF_PEAK = 0.5
 """Share of the peak at which an outline runs; exp(-2) is the other one in use."""
@@ -41,12 +38,6 @@ RING_SEGMENTS = 64
 
 ARM_SEGMENTS = 16
 """Of an arm; it is nearly straight but at the poles."""
-
-STEP_MAX = 1 / 48
-"""Longest segment in u or v; a longer one, as near a pole, is halved."""
-
-HALVINGS_MAX = 20
-"""After which a curve has come as near to a pole as 1e-7 radians: it passes through it."""
 
 DRAFT_SEGMENTS = 32
 """Of an outline while the picture moves: chords leave a circle by half a percent of its radius."""
@@ -79,8 +70,8 @@ def outlines(lobes: Lobes, level: float = HALF_PEAK) -> list[Outline]:
         level: Share of the peak, between 0 and 1.
     """
     found = curves(lobes, level)
-    arms = [_polylines(_arcs(lobes, axis, level)) for axis in (0, 1)]
     centre = np.tile(np.arange(lobes.count), len(_sides(lobes)))
+    arms = [polylines(_arcs(lobes, axis, level), len(centre)) for axis in (0, 1)]
     return [
         Outline(found[index], _of(arms[0], centre, index), _of(arms[1], centre, index))
         for index in range(lobes.count)
@@ -98,7 +89,7 @@ def curves(
         segments: Of a curve before it is refined.
     """
     rings = replace(_rings(lobes, level), parameter=_angles(segments))
-    drawn = _polylines(rings)
+    drawn = polylines(rings, len(rings.lobe))
     return [_of(drawn, rings.lobe, index) for index in range(lobes.count)]
 
 
@@ -109,8 +100,8 @@ def closed_curve(corners: Array) -> Polylines:
         corners: Directions; closed where the last is the first.  [K, 3]
     """
     along = np.arange(len(corners), dtype=np.float64)
-    path = _Path(corners[None], along, bool(np.array_equal(corners[0], corners[-1])))
-    return tuple(_polylines(path)[0])
+    path = _Path(corners, along, bool(np.array_equal(corners[0], corners[-1])))
+    return tuple(polylines(path, 1)[0])
 
 
 def half_angles(lobes: Lobes, level: float = HALF_PEAK) -> Tensor:
@@ -151,7 +142,7 @@ class _Rings:
         parameter: The angles at which points are computed, before the curve is refined.  [K]
     """
 
-    lobe: NDArray[np.int64]
+    lobe: Indices
     frames: Array
     q: Array
     c: Array
@@ -160,16 +151,19 @@ class _Rings:
     parameter: Array = field(default_factory=lambda: _angles(RING_SEGMENTS))
     is_closed = True
 
-    def points(self, curves: slice, psi: Array) -> Array:
-        """Return points of some curves; psi spreads them as on an ellipse.  [K] -> [C, K, 3]."""
-        q, c = self.q[curves], self.c[curves, None]
-        extent = np.sqrt(self._squared_sine(q, c))  # where phi is 0 and a right angle
-        across = extent[:, None] * np.stack([np.cos(psi), np.sin(psi)], -1)  # [C, K, 2]
-        across /= np.linalg.norm(across, axis=-1, keepdims=True)
-        squared = self._squared_sine((across**2 * q[:, None]).sum(-1), c)
-        along = self.side[curves, None] * np.sqrt(np.maximum(1 - squared, 0))  # rounding at t = 1
-        local = np.concatenate([across * np.sqrt(squared)[..., None], along[..., None]], -1)
-        return local @ self.frames[curves]
+    def points(self, curves: Indices, psi: Array) -> Array:
+        """Return a point of each of some curves; psi spreads them as on an ellipse.
+
+        [P], [P] -> [P, 3].
+        """
+        # where phi is 0 and a right angle
+        extent = np.sqrt(self._squared_sine(self.q, self.c[:, None]))
+        across = extent[curves] * np.stack([np.cos(psi), np.sin(psi)], -1)  # [P, 2]
+        across /= np.hypot(across[:, :1], across[:, 1:])
+        squared = self._squared_sine((across**2 * self.q[curves]).sum(-1), self.c[curves])
+        along = self.side[curves] * np.sqrt(np.maximum(1 - squared, 0))  # rounding at t = 1
+        local = np.concatenate([across * np.sqrt(squared)[:, None], along[:, None]], -1)
+        return np.einsum("pi,pij->pj", local, self.frames[curves])
 
     def _squared_sine(self, q: Array, c: Array) -> Array:
         return np.minimum(c / q, 1.0) if self.root is None else self.root(q, c)
@@ -191,11 +185,10 @@ class _Arcs:
     parameter = np.linspace(-1, 1, ARM_SEGMENTS + 1)
     is_closed = False
 
-    def points(self, curves: slice, share: Array) -> Array:
-        """Return points of some arcs, share running from -1 to 1.  [K] -> [C, K, 3]."""
-        angle = (self.angle[curves, None] * share)[..., None]
-        along = np.sin(angle) * self.along[curves, None]
-        return np.cos(angle) * self.toward[curves, None] + along
+    def points(self, curves: Indices, share: Array) -> Array:
+        """Return a point of each of some arcs, share between -1 and 1.  [P], [P] -> [P, 3]."""
+        angle = (self.angle[curves] * share)[:, None]
+        return np.cos(angle) * self.toward[curves] + np.sin(angle) * self.along[curves]
 
 
 @dataclass(frozen=True)
@@ -203,7 +196,7 @@ class _Path:
     """A path of great circles through corners; the parameter counts them.
 
     Attributes:
-        corners: Directions.  [1, K, 3]
+        corners: Directions.  [K, 3]
         parameter: 0, 1 and so on at the corners.  [K]
         is_closed: Whether it comes back.
     """
@@ -212,12 +205,11 @@ class _Path:
     parameter: Array
     is_closed: bool
 
-    def points(self, curves: slice, place: Array) -> Array:
-        """Return points of the path.  [P] -> [C, P, 3]."""
-        corners = self.corners[curves]
-        first = np.clip(np.floor(place).astype(int), 0, corners.shape[1] - 2)
+    def points(self, _curves: Indices, place: Array) -> Array:
+        """Return points of the path, the only one.  [P], [P] -> [P, 3]."""
+        first = np.clip(np.floor(place).astype(int), 0, len(self.corners) - 2)
         part = (place - first)[:, None]
-        points = (1 - part) * corners[:, first] + part * corners[:, first + 1]
+        points = (1 - part) * self.corners[first] + part * self.corners[first + 1]
         return points / np.linalg.norm(points, axis=-1, keepdims=True)
 
 
@@ -300,86 +292,5 @@ _SMOOTH: dict[Form, Root] = {Form.ASG: _asg_squared_sine, Form.FLAT: _flat_squar
 """Forms that fall to 0 at their horizon, so that their outline has no closed form."""
 
 
-def _of(polylines: list[list[Array]], owner: NDArray[np.int64], lobe: int) -> Polylines:
-    return tuple(line for index in np.flatnonzero(owner == lobe) for line in polylines[index])
-
-
-def _polylines(curves: _Rings | _Arcs | _Path) -> list[list[Array]]:
-    """Draw each curve: finely where the map stretches it, cut at the seam and at the poles."""
-    uv = _uv(curves.points(slice(None), curves.parameter))
-    is_long = _steps(uv).max(-1, initial=0) > STEP_MAX
-    drawn: list[list[Array]] = []
-    for index, line in enumerate(uv):
-        fine = _refined(curves, index) if is_long[index] else line
-        if curves.is_closed:
-            fine[-1] = fine[0]  # rounding may have put one left and one right of the seam
-        drawn.append(_cut(fine, curves.is_closed))
-    return drawn
-
-
-def _refined(curves: _Rings | _Arcs | _Path, index: int) -> Array:
-    """Halve the segments that are too long on the map.  [K, 2]."""
-    one, parameter = slice(index, index + 1), curves.parameter
-    uv = _uv(curves.points(one, parameter))[0]
-    for _ in range(HALVINGS_MAX):
-        long = np.flatnonzero(_steps(uv) > STEP_MAX)
-        if not len(long):
-            break
-        between = (parameter[long] + parameter[long + 1]) / 2
-        parameter = np.insert(parameter, long + 1, between)
-        uv = np.insert(uv, long + 1, _uv(curves.points(one, between))[0], axis=0)
-    return uv
-
-
-def _uv(directions: Array) -> Array:
-    u, v = latlong.uv_from_direction(torch.from_numpy(directions))
-    return np.stack([u.numpy(), v.numpy()], axis=-1)
-
-
-def _steps(uv: Array) -> Array:
-    """Return the longer side of each segment, across the seam where that is shorter.
-
-    [..., K, 2] -> [..., K - 1].
-    """
-    step = np.diff(uv, axis=-2)
-    step[..., 0] -= np.round(step[..., 0])
-    return np.abs(step).max(-1)
-
-
-def _cut(uv: Array, is_closed: bool) -> list[Array]:
-    """Cut a polyline where it leaves the map at the seam or passes through a pole."""
-    step = np.diff(uv[:, 0])
-    across = step - np.round(step)
-    is_pole = np.abs(across) > STEP_MAX  # any other segment was halved until it was shorter
-    cuts = np.flatnonzero((np.round(step) != 0) | is_pole)
-    if not len(cuts):
-        return [uv]
-    pieces = []
-    start = uv[:0]
-    for first, last in zip([0, *(cuts + 1)], [*(cuts + 1), len(uv)], strict=True):
-        inner = uv[first:last]
-        if last == len(uv):
-            pieces.append(np.concatenate([start, inner]))
-            break
-        ends = _pole_ends if is_pole[last - 1] else _seam_ends
-        end, after = ends(uv[last - 1], uv[last])
-        pieces.append(np.concatenate([start, inner, end]))
-        start = after
-    if is_closed:  # the last piece goes on where the first begins
-        pieces[0] = np.concatenate([pieces.pop(), pieces[0][1:]])
-    return [piece for piece in pieces if np.ptp(piece, axis=0).max() > 0]
-
-
-def _seam_ends(before: Array, after: Array) -> tuple[Array, Array]:
-    """Return the point where a segment leaves the map, and that where it comes in again."""
-    edge = 1.0 if before[0] > after[0] else 0.0
-    beyond = after[0] + 2 * edge - 1  # as if the map went on
-    share = (edge - before[0]) / (beyond - before[0]) if beyond != before[0] else 0.0
-    v = before[1] + share * (after[1] - before[1])
-    return np.array([[edge, v]]), np.array([[1 - edge, v]])
-
-
-def _pole_ends(before: Array, after: Array) -> tuple[Array, Array]:
-    """Return the pole above or below the one point, and that above or below the other."""
-    pole = round((before[1] + after[1]) / 2)
-    return np.array([[before[0], pole]]), np.array([[after[0], pole]])
+def _of(drawn: list[list[Array]], owner: Indices, lobe: int) -> Polylines:
+    return tuple(line for index in np.flatnonzero(owner == lobe) for line in drawn[index])

@@ -39,7 +39,7 @@ def reference_balls(renderer: Renderer, state: ViewerState) -> list[np.ndarray]:
     ]
 
 
-def test_in_motion_rough_balls_are_those_at_rest_and_sharp_ones_have_their_light(
+def test_in_motion_all_but_the_sharpest_balls_are_those_at_rest_and_those_have_their_light(
     opengl: moderngl.Context, two_lamps: LobeTracks
 ) -> None:
     state = with_lamps(two_lamps)
@@ -55,8 +55,8 @@ def test_in_motion_rough_balls_are_those_at_rest_and_sharp_ones_have_their_light
     assert renderer.ball_errors(state) is None
     for index, (before, now) in enumerate(zip(rest, moving, strict=True)):
         error = np.abs(before - now).sum() / before.sum()
-        if index >= 3:  # roughness 0.5, 1, Lambert
-            assert error < 0.03
+        if index >= 2:  # roughness 0.25, 0.5, 1, Lambert: under lamps, where a preview is hardest
+            assert error < (0.05 if index == 2 else 0.03)
         assert now.sum() == pytest.approx(before.sum(), rel=0.15)
     again = reference_balls(renderer, state)
     np.testing.assert_array_equal(np.stack(moving), np.stack(again))  # no noise

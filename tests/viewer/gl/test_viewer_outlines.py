@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from asglight.lobes import Form, Lobes, asg
 from asglight.sphere import latlong
 from asglight.viewer.state.picking import brightest_first, contributions, energies, luminance, pick
-from asglight.viewer.uniforms.outlines import HALF_PEAK, STEP_MAX, half_angles, outlines
+from asglight.viewer.uniforms.outlines import HALF_PEAK, half_angles, outlines
+from asglight.viewer.uniforms.polylines import STEP_MAX
 
 LEVELS = (HALF_PEAK, math.exp(-2))
 SHARPNESS = (1e-3, 0.1, 0.5, 1.0, 3.0, 30.0, 1e3, 1e5, 1e7)

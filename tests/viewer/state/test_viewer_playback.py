@@ -132,3 +132,26 @@ def test_play_at_the_end_starts_again() -> None:
     head.go_to(1010)
     head.play(100.0)
     assert head.frame == 1001
+
+
+@pytest.mark.parametrize("pace", list(Pace))
+@pytest.mark.parametrize("since", [0.0, 0.4, 1.7, 6.2])
+def test_the_shown_frame_stays_as_long_as_it_says_and_no_longer(pace: Pace, since: float) -> None:
+    head = playback([1001, 1002, 1004, 1005, 1009])
+    head.pace = pace
+    head.play(100.0)
+    now = 100.0 + since / FPS
+    head.tick(now)
+    before, stays = head.frame, 0.0
+    while head.frame == before:  # a frame that is missing is waited for in several turns
+        each = head.seconds_to_next(now + stays)
+        assert each is not None
+        head.tick(now + stays + 0.99 * each)
+        assert head.frame == before
+        stays += each
+        head.tick(now + stays)
+    assert head.frame == head.frames[head.frames.index(before) + 1]
+
+
+def test_a_shot_that_rests_waits_for_nothing() -> None:
+    assert playback().seconds_to_next(100.0) is None

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time between frames: lobes by the rule of motion, the reference dissolved; the timeline."""
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from windows import Drive, Driven
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks, asg
 from asglight.viewer.app import set_up
+from asglight.viewer.io import screenshot
+from asglight.viewer.pacing import wait_for_frame
 from asglight.viewer.panels import widgets
 from asglight.viewer.panels.curves import log_ticks, track_curves
 from asglight.viewer.reference.images import Reference
@@ -189,6 +192,21 @@ def test_the_playhead_between_frames() -> None:
     playback.go_to_time(1001.5)
     playback.play(0.0)
     assert not playback.is_between
+
+
+def test_a_window_that_plays_waits_until_the_next_frame_is_due(two_lamps: LobeTracks) -> None:
+    screenshot.use_no_display()
+    state = ViewerState(two_lamps)  # on the clock of the system
+    start = time.monotonic()
+    wait_for_frame(state)
+    assert (
+        time.monotonic() - start < 0.5 / state.playback.fps
+    )  # at rest there is nothing to wait for
+    state.playback.play(start := time.monotonic())
+    wait_for_frame(state)
+    state.playback.tick(time.monotonic())
+    assert time.monotonic() - start >= 1 / state.playback.fps
+    assert state.playback.frame != 1001
 
 
 def test_frames_a_second_and_dropped_frames_are_counted() -> None:

@@ -16,8 +16,13 @@ from imgui_bundle.immapp import testing
 from windows import Drive, Driven
 
 from asglight.lobes import LobeTracks
+from asglight.viewer.io.screenshot import window_picture
 from asglight.viewer.state.display import Channel, Comparison, ViewTransform
+from asglight.viewer.state.session import Session
+from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.time.playback import Pace
+from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Theme
 
 
 def bar_point(test: Any, share: float) -> ImVec2:
@@ -199,6 +204,34 @@ def test_tab_leaves_the_balls_alone_and_brings_the_panels_back(drive: Drive) -> 
         assert picture_width() == pytest.approx(narrow, abs=2)  # rounding of the layout
 
     drive(script)
+
+
+def test_a_docked_panel_leaves_its_ground_to_the_window_and_a_floating_one_paints_it(
+    drive: Drive,
+) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        def paints() -> bool:
+            test.yield_(4)
+            flags = imgui.internal.find_window_by_name("Map").flags
+            return not flags & imgui.WindowFlags_.no_background
+
+        assert not paints()
+        test.undock_window("Map")
+        assert paints()
+        test.dock_into("Map", "Balls")
+        assert not paints()
+
+    drive(script)
+
+
+@pytest.mark.usefixtures("opengl")
+def test_the_ground_behind_docked_panels_has_the_colour_of_the_theme(two_lamps: LobeTracks) -> None:
+    session = Session(ViewerState(two_lamps), FixedSource(two_lamps), "test")
+    session.state.theme = Theme.LIGHT
+    picture = window_picture(session, (1000, 700))
+    # of Dear ImGui's light theme, on which panels stand: most of the window is empty
+    ground = (picture == round(0.94 * 255)).all(-1).mean()
+    assert ground > 0.3
 
 
 OLD_OPENGL = """

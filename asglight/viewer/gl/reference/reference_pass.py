@@ -16,7 +16,7 @@ import torch
 from asglight.shading import ball_tables
 from asglight.shading.ball_tables import CameraMap
 from asglight.viewer.gl.passes import pass_program, radiance_target, release_target, target_texture
-from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_tabled
+from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_exact
 from asglight.viewer.reference.reference_map import prepared
 from asglight.viewer.state.balls import Ball
 
@@ -146,7 +146,7 @@ class ReferencePass:
         seen = CameraMap(self._radiance, camera_from_world)
         tables = tuple(
             self._smooth.table(ball_tables.ball(seen, ball.roughness, ball.f0, ball.albedo))
-            if is_tabled(ball)
+            if is_exact(ball)
             else None
             for ball in balls
         )

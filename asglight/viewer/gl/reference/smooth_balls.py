@@ -16,8 +16,18 @@ Cell = tuple[int, int, int]
 """A ball's square: left column, top row, size in pixels."""
 
 
+EXACT_ROUGHNESS = 0.5
+"""From which a table is the truth. Sharper balls have highlights that differ within a pixel, whose
+mean samples find; tables have the value in its middle."""
+
+
+def is_exact(ball: Ball) -> bool:
+    """Tell whether a ball is so rough that a table is the truth."""
+    return ball.roughness is None or ball.roughness >= EXACT_ROUGHNESS
+
+
 def is_tabled(ball: Ball) -> bool:
-    """Tell whether a ball is so rough that a table shows it."""
+    """Tell whether a ball is so rough that a table shows it, at least in motion."""
     return ball.roughness is None or ball.roughness >= ball_tables.ROUGHNESS_MIN
 
 
@@ -31,11 +41,11 @@ class SmoothBalls:
         self._triangles: dict[bool, moderngl.VertexArray] = {}
 
     def table(self, values: np.ndarray) -> moderngl.Texture:
-        """Upload what a ball shows at the normals of the grid, float32 [G, G, 3]."""
-        side = len(values)
-        texture = self._context.texture((side, side), 3, values.tobytes(), dtype="f4")
+        """Upload what a ball shows at the normals of its grid, float32 [N, C, 3]."""
+        rows, columns, _ = values.shape
+        texture = self._context.texture((columns, rows), 3, values.tobytes(), dtype="f4")
         texture.filter = moderngl.LINEAR, moderngl.LINEAR
-        texture.repeat_x = texture.repeat_y = False
+        texture.repeat_x, texture.repeat_y = True, False
         return texture
 
     def draw_table(self, table: moderngl.Texture, cell: Cell, target: moderngl.Framebuffer) -> None:

@@ -150,6 +150,21 @@ class Playback:
             else:  # around the end
                 self.dropped += self.last - before + self.index - self.first
 
+    def seconds_to_next(self, now: float) -> float | None:
+        """Return how long the shown frame stays, at most; None where nothing plays.
+
+        Args:
+            now: Seconds on the clock of `play`.
+        """
+        if self._clock is None:
+            return None
+        start, _ = self._clock
+        passed = (now - start) * self.fps + ROUNDING
+        following = int(passed) + 1
+        if self.pace is Pace.EVERY_FRAME:
+            following = self._distance(self._after(self.index))
+        return max(start + following / self.fps - now, 0.0)
+
     def _advance(self, now: float) -> None:
         if self._clock is None:
             return

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finished pictures: brought to the screen, and read back."""
