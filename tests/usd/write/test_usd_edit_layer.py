@@ -155,20 +155,6 @@ def test_only_what_the_edit_changes_is_overridden(kind, overridden, tmp_path):
     assert layer.GetPrimAtPath("/AsgRig").specifier == Sdf.SpecifierOver
 
 
-@pytest.mark.parametrize("up_axis", ["Y", "Z"])
-def test_what_was_the_width_remains_the_width_however_wide_it_becomes(tmp_path, up_axis):
-    write_every(still(), tmp_path / "shot.usda", up_axis=up_axis)
-    tracks = read_usd(tmp_path / "shot.usda")
-    lobes = tracks.lobes.clone()
-    lobes.sharpness[:, 1] *= torch.tensor([0.1, 10.0])
-    assert bool((lobes.sharpness[:, 1, 0] < lobes.sharpness[:, 1, 1]).all())
-    tracks = replace(tracks, lobes=lobes)
-    write_edit_layer(tmp_path / "edits.usda", tmp_path / "shot.usda", tracks, [1])
-    found = read_usd(tmp_path / "edits.usda").lobes
-    torch.testing.assert_close(found.axes, lobes.axes, rtol=0, atol=ROUNDING)
-    torch.testing.assert_close(found.sharpness, lobes.sharpness, rtol=1e-6, atol=0)
-
-
 def test_tracks_that_stand_still_can_be_made_to_move_and_back(tmp_path):
     path = tmp_path / "fit.usda"
     tracks = moving(FRAMES)

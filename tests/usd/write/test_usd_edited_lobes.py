@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from pxr import Usd, UsdGeom
-from usd_tracks import contents, moving
+from usd_tracks import contents, moving, still, write_every
 
 from asglight.images import read_latlong
 from asglight.lobes import Form, Lobes, LobeTracks, asg, frames
@@ -202,3 +202,19 @@ def test_lobes_muted_elsewhere_stay_muted_when_another_is_edited(tmp_path: Path)
     torch.testing.assert_close(
         found.tracks.lobes.amplitude[:, 0], 2 * before[:, 0], rtol=ROUNDING, atol=0
     )
+
+
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+def test_what_was_the_width_remains_the_width_however_wide_it_becomes(
+    tmp_path: Path, up_axis: str
+) -> None:
+    write_every(still(), tmp_path / "shot.usda", up_axis=up_axis)
+    tracks = read_usd(tmp_path / "shot.usda")
+    lobes = tracks.lobes.clone()
+    lobes.sharpness[:, 1] *= torch.tensor([0.1, 10.0])
+    assert bool((lobes.sharpness[:, 1, 0] < lobes.sharpness[:, 1, 1]).all())
+    tracks = replace(tracks, lobes=lobes)
+    write_edit_layer(tmp_path / "edits.usda", tmp_path / "shot.usda", tracks, [1])
+    found = read_usd(tmp_path / "edits.usda").lobes
+    torch.testing.assert_close(found.axes, lobes.axes, rtol=0, atol=ROUNDING)
+    torch.testing.assert_close(found.sharpness, lobes.sharpness, rtol=1e-6, atol=0)
