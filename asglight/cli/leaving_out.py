@@ -26,8 +26,8 @@ def left_out_lines(metadata: Mapping[str, Any]) -> list[str]:
 def _left_out(found: Mapping[str, Any]) -> list[str]:
     lines = []
     if found["lights"] > found["lit_at_once"]:
-        lights = counted(found["lights"], "light")
-        lines.append(f"lights that come and go: {lights}, at most {found['lit_at_once']} at once")
+        every, lit = found["lights"], found["lit_at_once"]
+        lines.append(f"lights: {every} in all, at most {lit} lit in one frame")
     reasons = []
     if found["black"]:
         reasons.append(f"{counted(found['black'], 'lobe')}, black in every frame")

@@ -263,13 +263,14 @@ def _composed(name: str) -> str:
     return unicodedata.normalize("NFC", name)
 
 
-def _titles(groups: dict[tuple[str, str], list[str]]) -> list[str]:
+def _titles(groups: dict[tuple[str, str], list[str]], *, with_frames: bool = True) -> list[str]:
     """Name groups as a user would: a still by its file, a sequence by its pattern and frames."""
     titles = []
     for (base, extension), names in groups.items():
         frames = sorted(frame for _, frame, _ in map(_split, names) if frame is not None)
         is_still = len(names) == 1
-        titles.append(names[0] if is_still else f"{base}####{extension} {frames[0]}-{frames[-1]}")
+        span = f" {frames[0]}-{frames[-1]}" if frames and with_frames else ""
+        titles.append(names[0] if is_still else f"{base}####{extension}{span}")
     return titles
 
 
@@ -361,9 +362,13 @@ def _nothing(path: Path, found: str) -> InputError:
             f"{shown(path)}: {found}; expected a file, a folder or a pattern. A backslash "
             f"separates no folders here: write {shown(forward(path))}."
         )
-    titles = _titles(_groups(path.parent))
-    nearest = difflib.get_close_matches(path.name, titles, n=1, cutoff=0) or ["no image at all"]
+    groups = _groups(path.parent)
+    titles = _titles(groups)
+    names = dict(zip(_titles(groups, with_frames=False), titles, strict=True))
+    nearest = [names[name] for name in difflib.get_close_matches(path.name, names, n=1)]
+    held = listing(titles) if titles else "no image"
+    hint = f"Nearest in that folder: {nearest[0]}." if nearest else f"That folder holds {held}."
     return NothingThereError(
         f"{shown(path)}: {found}; expected a file, a folder or a pattern such as sky.####.exr. "
-        f"Nearest in that folder: {shown(nearest[0])}."
+        f"{shown(hint)}"
     )

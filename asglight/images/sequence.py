@@ -238,7 +238,7 @@ def open_sequence(
         count = f"{len(absent)} {'frame' if len(absent) == 1 else 'frames'} missing"
         raise InputError(
             f"{found.name}: {count} ({ranges(absent)}); expected every frame of "
-            f"{_span(wanted)}. Use --missing hold or --missing interpolate."
+            f"{_span(wanted)}. Use --missing hold or --missing interpolate, or choose --frames."
         )
     return Sequence(found, wanted, absent, missing, height, reading)
 

@@ -188,20 +188,21 @@ def chosen(first: Tensor, one: Lobes, other: Lobes) -> Lobes:
     )
 
 
-def lobe_names(count: int, first: int = 0) -> tuple[str, ...]:
+def lobe_names(count: int, first: int = 0, kind: str = "lobe") -> tuple[str, ...]:
     """Return `lobe_00`, `lobe_01`, ..., of equal length so that they sort in order.
 
     Args:
         count: How many.
         first: Number of the first.
+        kind: What is named.
     """
     digits = max(2, len(str(first + count - 1)))
-    return tuple(f"lobe_{index:0{digits}d}" for index in range(first, first + count))
+    return tuple(f"{kind}_{index:0{digits}d}" for index in range(first, first + count))
 
 
-def first_unused(names: Iterable[str]) -> int:
-    """Return the number after the highest one that names a lobe."""
-    numbered = (re.fullmatch(r"lobe_(\d+)", name) for name in names)
+def first_unused(names: Iterable[str], kind: str = "lobe") -> int:
+    """Return the number after the highest one that names a lobe, or another kind."""
+    numbered = (re.fullmatch(rf"{kind}_(\d+)", name) for name in names)
     return max((int(match[1]) + 1 for match in numbered if match), default=0)
 
 

@@ -48,12 +48,15 @@ def canonical(lobes: Lobes) -> Lobes:
     return _quarter_turn(lobes, swap)
 
 
-def continuous(lobes: Lobes) -> Lobes:
+def continuous(lobes: Lobes, *, keeps_first: bool = False) -> Lobes:
     """Choose among equal frames so that each lobe turns least from frame to frame.  [F, N, .].
 
-    The first frame is put in canonical order; every other follows the one before.
+    Args:
+        lobes: Over time.
+        keeps_first: Whether the first frame stays as it is, so that a user's width remains the
+            width; else it is put in canonical order. Every other follows the one before.
     """
-    frames = [canonical(lobes[0])]
+    frames = [lobes[0] if keeps_first else canonical(lobes[0])]
     for index in range(1, lobes.axes.shape[0]):
         frames.append(align(lobes[index], frames[-1]))
     return replace(

@@ -20,6 +20,7 @@ from asglight.usd import schema
 from asglight.usd.check.absence import why_without_lobes
 from asglight.usd.check.references import UnreadableError, checked_layers
 from asglight.usd.faults import reason
+from asglight.usd.options import KeyLights
 from asglight.usd.schema import Representation
 
 
@@ -245,6 +246,13 @@ def lobe_prims(rig: Usd.Prim, scope: str = schema.LOBES) -> list[Usd.Prim]:
     """Return the active lobes of a rig in their order, or its keys."""
     holder = child_of(rig, scope)
     return [prim for prim in holder.GetChildren() if has_lobe_api(prim)] if holder else []
+
+
+def key_lights(keys: Iterable[Usd.Prim]) -> KeyLights:
+    """Return what the keys of a rig shine as; without any, as rectangles."""
+    distant = schema.KEY_TYPES[KeyLights.DISTANT]
+    is_distant = any(prim.GetTypeName() == distant for prim in keys)
+    return KeyLights.DISTANT if is_distant else KeyLights.RECT
 
 
 def image_height(resolved: str) -> int:

@@ -12,6 +12,9 @@ _TIMELINE_EM = 7.0
 _RIGHT_EM = 20.0
 """Width of the controls at least: a slider and its name."""
 
+_LOBES_SHARE = 0.66
+"""Of the height on the right that lobes have: a list of many rows, and numbers."""
+
 _STACKED_EM = 50.0
 """Height from which lobes stand below the look; in less room both are tabs of one place."""
 
@@ -34,7 +37,7 @@ def splits(size: tuple[int, int], em: float) -> list[hello_imgui.DockingSplit]:
     found = [hello_imgui.DockingSplit("MainDockSpace", "RightSpace", right, of_right)]
     found.append(hello_imgui.DockingSplit("RightSpace", "InspectorSpace", down, inspector))
     if is_stacked:
-        found.append(hello_imgui.DockingSplit("RightSpace", "LobesSpace", down, 0.58))
+        found.append(hello_imgui.DockingSplit("RightSpace", "LobesSpace", down, _LOBES_SHARE))
     timeline = min(_TIMELINE_EM * em / rows, 0.3)
     return [
         *found,

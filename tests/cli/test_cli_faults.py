@@ -61,7 +61,17 @@ FAULTS = [
     ("fit still.exr", "required: -o/--output"),
     ("fit -o x.usda", "required: INPUT"),
     (f"{FIT} --polish", "unrecognized arguments: --polish"),
-    (f"{FIT} --lob 3", "unrecognized arguments: --lob 3"),
+    (
+        f"{FIT} --lob 3",
+        r"unrecognized arguments: --lob 3. Did you mean --lobes\? See asglight fit --help",
+    ),
+    (
+        f"{FIT} --refrence a.exr",
+        r"unrecognized arguments: --refrence a.exr. See asglight fit --help",
+    ),
+    (f"{FIT} --presett=live", r"--presett=live. Did you mean --preset\?"),
+    ("figures lobes a.exr --frame 3", r"--frame 3. Did you mean --frames\? See asglight figures"),
+    ("fit good.usda -o x.usda", "good.usda: is a USD stage; expected an OpenEXR"),
     ("fit nothing.exr -o x.usda", "nothing.exr: is not there; expected a file"),
     ("fit nowhere/sky.####.exr -o x.usda", "there is no folder nowhere"),
     ("fit empty -o x.usda", "empty: holds no image"),

@@ -182,7 +182,7 @@ def test_missing_frames_are_named_and_counted(tmp_path: Path) -> None:
         open_sequence(gappy(tmp_path))
     assert str(caught.value) == (
         "sky: 3 frames missing (1004, 1005, 1006); expected every frame of 1001-1008. "
-        "Use --missing hold or --missing interpolate."
+        "Use --missing hold or --missing interpolate, or choose --frames."
     )
 
 
@@ -326,7 +326,8 @@ REFUSED: dict[str, tuple[str, str, dict[str, object]]] = {
     "several": ("several", r"several: holds 3 .*\(a\.exr, b\.exr, c\.####\.exr 1-2\); .*one\.", {}),
     "nothing": ("bare", r"bare: holds no image \(nothing\); expected", {}),
     "no image": ("other", r"other: holds no image \(notes\.txt\); expected", {}),
-    "nothing near": ("bare/sky.####.exr", "Nearest in that folder: no image at all", {}),
+    "nothing there": ("bare/sky.####.exr", r"\. That folder holds no image\.$", {}),
+    "nothing near": ("lone/x.hdr", r"\. That folder holds lone\.exr\.$", {}),
     "twice": ("twice", r"twice: frame 1 is there twice \(s\.0001\.exr, s\.1\.exr\)", {}),
     "date": ("date", "frames: run from 1 to 20260101; expected fewer than 100000", {}),
 }

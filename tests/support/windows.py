@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import OpenImageIO
-from imgui_bundle import immapp
+from imgui_bundle import ImVec2, immapp
 from imgui_bundle.immapp import testing
 
 from asglight.lobes import LobeTracks
@@ -26,6 +26,9 @@ SIZE = (1200, 800)
 
 
 STDERR = 2
+
+WATCHDOG_S = 1000.0
+"""For the whole of a script, on a machine that has other work."""
 
 WAIT_PICTURES = 600
 """Pictures to wait for a thread at most: they take milliseconds, the thread less than a second."""
@@ -73,6 +76,12 @@ def wait_for(
             return
         test.yield_()
     raise AssertionError(driven.state.message)
+
+
+def map_point(test: Any, u: float, v: float) -> ImVec2:
+    """Return the point of the map panel at latlong coordinates."""
+    box = test.item_info("Map/##map").rect_full
+    return ImVec2(box.min.x + u * (box.max.x - box.min.x), box.min.y + v * (box.max.y - box.min.y))
 
 
 def rendered(test: Any, driven: Driven, path: Path) -> np.ndarray:
@@ -123,9 +132,15 @@ def drive(tracks: LobeTracks, script: Callable[[Any, Driven], None], **options: 
     params = running.runner_params(driven.window, size)
     params.ini_disable = True
     params.dpi_aware_params.dpi_window_size_factor = scale
+
+    def watched(test: Any) -> None:
+        test.engine_io.config_watchdog_warning = WATCHDOG_S
+        test.engine_io.config_watchdog_kill_test = WATCHDOG_S
+        script(test, driven)
+
     try:
         testing.run(
-            test_function=lambda test: script(test, driven),
+            test_function=watched,
             runner_params=params,
             add_ons_params=immapp.AddOnsParams(with_implot=True),
         )

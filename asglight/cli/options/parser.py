@@ -2,10 +2,15 @@
 """The argument parser of every command: one-line errors, an example in each help text."""
 
 import argparse
+import difflib
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any, NoReturn, get_args
 
 from asglight.images.options import LOST_MAX, Eye
+
+NEAR = 0.7
+"""Likeness of a name that is asked after: one letter more, less or other of six."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -17,6 +22,29 @@ class Parser(argparse.ArgumentParser):
         kwargs.setdefault("allow_abbrev", False)
         kwargs.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(*args, **kwargs)
+
+    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:
+        """Parse; an option that nobody knows is an error of its command, with the nearest one."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            own = self.command_of(args or ())
+            own.error(f"unrecognized arguments: {' '.join(unknown)}{own.near(unknown)}")
+        return found
+
+    def command_of(self, words: Sequence[str]) -> "Parser":
+        """Return the parser of the command that words begin with; without one, this parser."""
+        every = [each for each in self._actions if isinstance(each, argparse._SubParsersAction)]
+        found = every[0].choices.get(words[0]) if every and words else None
+        return self if found is None else found.command_of(words[1:])
+
+    def near(self, unknown: Sequence[str]) -> str:
+        """Return a question for the option that comes nearest to one nobody knows, if one does."""
+        for word in unknown:
+            name = word.partition("=")[0]
+            close = difflib.get_close_matches(name, self._option_string_actions, 1, NEAR)
+            if name.startswith("--") and close:
+                return f". Did you mean {close[0]}?"
+        return ""
 
     def error(self, message: str) -> NoReturn:
         """Print the message and exit with 2."""

@@ -186,12 +186,11 @@ def _stage(stage: Path, request: Request) -> "Session":
             if keys is not None:
                 keyed = Keyed(open_rest(keys.rest), tracks)
                 on_failure.callback(keyed.close)
-                tracks, muted = keys.tracks or no_lobes(keys.times, keys.fps), frozenset()
+                tracks, muted = keys.unmuted or no_lobes(keys.times, keys.fps), keys.muted
                 said = findings_line(replace(reading, changes=keys.changes))
             source = FixedSource(tracks, said)
         on_failure.callback(source.close)
-        state = ViewerState(tracks, muted=muted)
-        state.keyed = keyed
+        state = ViewerState(tracks, muted=muted, keyed=keyed)
         reference = None
         if request.reference is not None:
             whole = whole_sequence(request.reference, tracks.frames)

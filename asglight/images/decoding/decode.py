@@ -57,6 +57,8 @@ _OTHERS = {
     b"\0\0\0\x0cJXL ": "a JPEG XL image",
     b"\x1f\x8b": "a gzip archive",
     b"PK\x03\x04": "a zip archive",
+    b"#usda": "a USD stage",
+    b"PXR-USDC": "a USD stage",
 }
 
 

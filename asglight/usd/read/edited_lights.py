@@ -9,7 +9,7 @@ know lights only. So the lights of the representation that is shown are compared
   stands where its centre is seen from the rig's origin;
 - sharpness: so that the derived sizes are the edited ones; a card's size scales with its distance;
 - amplitude: so that the derived light is the edited one, in each channel;
-- a lobe that is invisible (`hidden_lobes`), or whose light is gone, is black;
+- a lobe whose light is gone is black; those that are invisible `hidden_lobes` tells;
 - a dome that was turned turns its lobes;
 - how the rig stands in the shot turns all lobes (placement.py).
 
@@ -39,7 +39,7 @@ from asglight.usd.read.placement import Placement, turn_words, turned
 from asglight.usd.read.read_options import card_kinds, threefold_lobes
 from asglight.usd.read.view import View
 from asglight.usd.schema import Representation
-from asglight.usd.stage import child_of, prims_below, shown_representation
+from asglight.usd.stage import child_of, key_lights, prims_below, shown_representation
 from asglight.usd.write.checks import SHARPNESS_RANGE
 
 STEPS = 40
@@ -76,11 +76,7 @@ def with_light_edits(
         The lobes, and what was changed, one line each: `<prim>: <what>`.
     """
     representation = shown_representation(rig)
-    changes = [
-        f"{prim.GetPath()}: switched off"
-        for prim in child_of(rig, schema.LOBES).GetAllChildren()
-        if not prim.IsActive()
-    ]
+    changes = switched_off(rig, schema.LOBES)
     lobes = lobes.to(torch.float64)
     if representation not in (None, Representation.KEYS):  # keys are read by themselves
         kinds, threefold = card_kinds(rig), threefold_lobes(rig)
@@ -97,6 +93,12 @@ def with_light_edits(
             changes += found
     changes += [f"{rig.GetPath()}: {word}" for word in placement.words()]
     return turned(lobes, placement.to_world).to(torch.float32), changes
+
+
+def switched_off(rig: Usd.Prim, scope: str) -> list[str]:
+    """Return a line for each lobe of a rig that is inactive, or for each key."""
+    every = child_of(rig, scope).GetAllChildren() if child_of(rig, scope) else ()
+    return [f"{prim.GetPath()}: switched off" for prim in every if not prim.IsActive()]
 
 
 def with_key_edits(
@@ -119,14 +121,12 @@ def with_key_edits(
         placement: How the rig stands in the stage.
         colorspace: Color Interop ID of the rig's colours.
     """
-    is_distant = any(prim.GetTypeName() == schema.KEY_TYPES[KeyLights.DISTANT] for prim in prims)
+    is_distant = key_lights(prims) is KeyLights.DISTANT
     shown = Representation.DISTANT if is_distant else Representation.CARDS
     kinds, threefold = [Kind.SINGLE] * len(prims), [False] * len(prims)
     view = View(rig, times, shown, distance, placement, colorspace, kinds, threefold)
     lobes, changes = _with_lights(view, prims, lobes.to(torch.float64))
-    hidden, found = hidden_lobes(prims, times)
-    lobes.amplitude[hidden] = 0
-    return turned(lobes, placement.to_world).to(torch.float32), changes + found
+    return turned(lobes, placement.to_world).to(torch.float32), changes
 
 
 def _with_lights(view: View, prims: Sequence[Usd.Prim], lobes: Lobes) -> tuple[Lobes, list[str]]:

@@ -1,21 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading the keys of a stage, as the lobes of their cards."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import torch
 from pxr import Usd
 
 from asglight.images import ocio
 from asglight.lobes import LobeTracks
 from asglight.usd import schema
-from asglight.usd.read.edited_lights import with_key_edits
+from asglight.usd.read.edited_lights import hidden_lobes, switched_off, with_key_edits
 from asglight.usd.read.placement import placement_of
 from asglight.usd.read.read_options import card_distance_of
 from asglight.usd.read.rest import Rest, read_rest
 from asglight.usd.read.times import frame_numbers
-from asglight.usd.read.tracks import known_space, lobes_at
+from asglight.usd.read.tracks import darkened, known_space, lobes_at
 from asglight.usd.read.view import View
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import in_colorspace
@@ -36,11 +37,14 @@ class Keys:
 
     Attributes:
         tracks: As the lobes of their cards, in Rec.709 and with +Y up; None where the images have
-            no lamp.
+            no lamp. What nobody sees is black.
         rest: The images without them.
         times: Frame numbers.  F
         fps: Frames per second.
         changes: What other programs changed, one line each.
+        unmuted: The keys with the light of those that are invisible in every frame, as if they
+            were seen.
+        muted: Indices of those keys.
     """
 
     tracks: LobeTracks | None
@@ -48,6 +52,8 @@ class Keys:
     times: tuple[int, ...]
     fps: float
     changes: tuple[str, ...] = ()
+    unmuted: LobeTracks | None = None
+    muted: frozenset[int] = frozenset()
 
 
 def read_keys(path: str | Path | Usd.Stage, rig: str | None = None) -> Keys | None:
@@ -75,17 +81,23 @@ def read_keys(path: str | Path | Usd.Stage, rig: str | None = None) -> Keys | No
         view = View(prim, times, Representation.KEYS, distance, placement, space.colorspace)
         rest = read_rest(view)
         fps = stage.GetTimeCodesPerSecond()
-        prims = lobe_prims(prim, schema.KEYS)
+        prims, gone = lobe_prims(prim, schema.KEYS), switched_off(prim, schema.KEYS)
         if not prims:
-            return Keys(None, rest, times, fps, rest.changes)
+            return Keys(None, rest, times, fps, (*gone, *rest.changes))
         lobes = lobes_at(name_of(path), prims, times)
         lobes, changes = with_key_edits(
             prim, prims, lobes, times, distance, placement, space.colorspace
         )
         lobes = in_colorspace(lobes, space.colorspace, ocio.REC709)
         names = tuple(one.GetName() for one in prims)
-        tracks = LobeTracks(times, fps, lobes, {}, names)
-    return Keys(tracks, rest, times, fps, (*changes, *rest.changes))
+        called = {one.GetName(): one.GetDisplayName() for one in prims if one.GetDisplayName()}
+        hidden, invisible = hidden_lobes(prims, times)
+        muted = hidden.all(dim=0)  # [K]
+        unmuted = LobeTracks(times, fps, darkened(lobes, hidden & ~muted), {}, names, called)
+        tracks = replace(unmuted, lobes=darkened(lobes, hidden))
+    changes = (*gone, *changes, *invisible, *rest.changes)
+    indices = frozenset(torch.nonzero(muted)[:, 0].tolist())
+    return Keys(tracks, rest, times, fps, changes, unmuted, indices)
 
 
 def read_shown_keys(path: str | Path, rig: str | None = None) -> Keys | None:

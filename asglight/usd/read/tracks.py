@@ -117,14 +117,14 @@ def _reading(path: str, stage: Usd.Stage, rig: Usd.Prim) -> Reading:
     lobes = in_colorspace(lobes, space.colorspace, ocio.REC709)
     shown = {prim.GetName(): prim.GetDisplayName() for prim in prims if prim.GetDisplayName()}
     muted = hidden.all(dim=0)  # [N]
-    partly = _darkened(lobes, hidden & ~muted)
+    partly = darkened(lobes, hidden & ~muted)
     unmuted = LobeTracks(times, fps, partly, _metadata(path, data), names, shown)
-    tracks = replace(unmuted, lobes=_darkened(lobes, hidden))
+    tracks = replace(unmuted, lobes=darkened(lobes, hidden))
     indices = frozenset(torch.nonzero(muted)[:, 0].tolist())
     return Reading(tracks, tuple(changes), tuple(unread_of(rig, placement)), unmuted, indices)
 
 
-def _darkened(lobes: Lobes, dark: torch.Tensor) -> Lobes:
+def darkened(lobes: Lobes, dark: torch.Tensor) -> Lobes:
     """Return lobes black where they are dark.  [F, N]."""
     return replace(lobes, amplitude=lobes.amplitude.masked_fill(dark[..., None], 0.0))
 

@@ -10,12 +10,11 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.usd import schema
-from asglight.usd.options import KeyLights
 from asglight.usd.read.keys import Keys, read_keys
 from asglight.usd.read.placement import turn_words
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space
-from asglight.usd.stage import image_file, lobe_prims, open_rig, show
+from asglight.usd.stage import image_file, key_lights, lobe_prims, open_rig, show
 from asglight.usd.write.keys import WrittenKeys
 
 
@@ -45,8 +44,7 @@ class KeptKeys:
         stage.SetEditTarget(stage.GetSessionLayer())
         show(rig, Representation.KEYS)
         prims = lobe_prims(rig, schema.KEYS)
-        is_distant = any(one.GetTypeName() == schema.KEY_TYPES[KeyLights.DISTANT] for one in prims)
-        self._lights = KeyLights.DISTANT if is_distant else KeyLights.RECT
+        self._lights = key_lights(prims)
         self._textures = [_textures(prim, found.times) for prim in prims]
 
     def write(self, tracks: LobeTracks, folder: Path, stem: str, space: Space) -> WrittenKeys:
@@ -77,7 +75,8 @@ class KeptKeys:
             )
         lobes = None if keys is None else keys.lobes
         document = tracks.metadata.get("keys", {})
-        return WrittenKeys(names, lobes, rest, tuple(textures), self._lights, document)
+        called = {} if keys is None else keys.display_names
+        return WrittenKeys(names, lobes, rest, tuple(textures), self._lights, document, called)
 
 
 def _textures(prim: Usd.Prim, frames: tuple[int, ...]) -> tuple[str, ...]:

@@ -5,7 +5,8 @@ A key is stored as the lobe of its card (AsgLobeAPI, as those of the fit) and sh
 as a distant light. The rest is a dome with an image a frame.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -27,6 +28,7 @@ class WrittenKeys:
         textures: Of each key an image a frame, of which some may be the same; empty without.
         lights: What a key shines as.
         document: What is told of them: shares, sizes, colours. JSON values.
+        display_names: What a person calls them, by name, where that is something else.
     """
 
     names: tuple[str, ...]
@@ -35,6 +37,7 @@ class WrittenKeys:
     textures: tuple[tuple[Path, ...], ...]
     lights: KeyLights
     document: dict[str, Any]
+    display_names: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def files(self) -> list[Path]:

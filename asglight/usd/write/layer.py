@@ -8,7 +8,7 @@ values.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
 from typing import Any, NamedTuple
@@ -97,7 +97,7 @@ def build(
             _author_selection(rig, options)
         scope = Sdf.PrimSpec(rig, schema.LOBES, Sdf.SpecifierDef, "Scope")
         author_in(author, scope, tracks.names, shot.of_lobes())
-        author_display_names(scope, tracks)
+        author_display_names(scope, tracks.names, tracks.display_names)
         for representation, holder in _holders(rig, options).items():
             lights: list[TimedLights] = [((), author.frames)] * lobes.count
             if representation is Representation.CARDS:
@@ -116,10 +116,17 @@ def build(
     return layer, author
 
 
-def continuous(lobes: Lobes) -> Lobes:
-    """Return the lobes in float64 on the CPU, frames orthonormal and continuous in time."""
+def continuous(lobes: Lobes, *, keeps_first: bool = False) -> Lobes:
+    """Return the lobes in float64 on the CPU, frames orthonormal and continuous in time.
+
+    Args:
+        lobes: Over time.  [F, N, .]
+        keeps_first: As of `frames.continuous`: edits keep what is width and what is height, and
+            with them a key's texture.
+    """
     lobes = lobes.to("cpu", torch.float64)
-    return frames.continuous(replace(lobes, axes=frames.orthonormal(lobes.axes)))
+    lobes = replace(lobes, axes=frames.orthonormal(lobes.axes))
+    return frames.continuous(lobes, keeps_first=keeps_first)
 
 
 def lobe_tracks(lobes: Lobes) -> dict[str, Tensor]:
@@ -248,10 +255,12 @@ def _custom_data(tracks: LobeTracks, options: StageOptions) -> dict[str, Any]:
     return data
 
 
-def author_display_names(scope: Sdf.PrimSpec, tracks: LobeTracks) -> None:
-    """Say what a person calls the lobes: USD's `displayName`, which other programs show."""
-    for name, shown in tracks.display_names.items():
-        if name in tracks.names:
+def author_display_names(
+    scope: Sdf.PrimSpec, names: Sequence[str], called: Mapping[str, str]
+) -> None:
+    """Say what a person calls lobes or keys: USD's `displayName`, which other programs show."""
+    for name, shown in called.items():
+        if name in names:
             _child(scope, name).SetInfo(schema.DISPLAY_NAME, shown)
 
 
@@ -339,13 +348,25 @@ def _author_keys(
         else:
             lights = card_lights(shot, options.card_distance, [cards.Kind.SINGLE] * count)
         kind = schema.KEY_TYPES[keys.lights]
-        for name, (own, times), images in zip(keys.names, lights, keys.textures, strict=True):
-            prim = _child(scope, name)
-            for light in own:
-                _author_light(author, prim, kind, light, times, KEY_TOLERANCE)
+        author_display_names(scope, keys.names, keys.display_names)
+        author_key_lights(author, scope, kind, keys.names, lights)
+        for name, images in zip(keys.names, keys.textures, strict=True):
             if images:
-                author_textures(author, prim, relative_names(images))
+                author_textures(author, _child(scope, name), relative_names(images))
     _author_dome(author, holder, schema.REST, relative_names(keys.rest), space)
+
+
+def author_key_lights(
+    author: TrackAuthor,
+    scope: Sdf.PrimSpec,
+    type_name: str,
+    names: Sequence[str],
+    lights: Sequence[TimedLights],
+) -> None:
+    """Author the light of every key, whose prims there are."""
+    for name, (own, times) in zip(names, lights, strict=True):
+        for light in own:
+            _author_light(author, _child(scope, name), type_name, light, times, KEY_TOLERANCE)
 
 
 def _author_dome(

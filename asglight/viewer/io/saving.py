@@ -27,7 +27,7 @@ class Edited(NamedTuple):
         muted: Indices of the lobes that are muted.
         deleted: Indices of the lobes that are deleted.
         steps: The steps that the tracks hold.
-        are_keys: Whether the lobes are keys of the stage: those that are muted are then black.
+        are_keys: Whether the lobes are keys of the stage.
     """
 
     stage: Path | None
@@ -41,15 +41,15 @@ class Edited(NamedTuple):
 
 def edited(session: Session) -> Edited:
     """Return what a session has edited."""
-    history, are_keys = session.state.history, session.state.keyed is not None
+    history = session.state.history
     return Edited(
         session.stage,
-        history.lit_tracks if are_keys else history.saved_tracks,
+        history.saved_tracks,
         history.edited_lobes,
         history.muted,
         history.deleted,
         history.done,
-        are_keys,
+        history.are_keys,
     )
 
 
@@ -86,10 +86,8 @@ def save_edits(edits: Edited, path: Path) -> None:
         InputError: The layer cannot be written.
     """
     assert edits.stage is not None  # as check_can_save has seen
-    if edits.are_keys:
-        write_key_edits(path, edits.stage, edits.tracks, edits.lobes)
-    else:
-        write_edit_layer(path, edits.stage, edits.tracks, edits.lobes, edits.muted, edits.deleted)
+    write = write_key_edits if edits.are_keys else write_edit_layer
+    write(path, edits.stage, edits.tracks, edits.lobes, edits.muted, edits.deleted)
 
 
 def display_pixels(target: moderngl.Framebuffer) -> np.ndarray:

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Amplitude, sharpness and direction of the lobes over the frames, with the shared playhead."""
 
+import math
 from functools import lru_cache
 
 import numpy as np
+import torch
 from imgui_bundle import ImVec2, ImVec4, imgui, implot
 
-from asglight.lobes import LobeTracks
+from asglight.lobes import Lobes, LobeTracks
 from asglight.viewer.panels import widgets
 from asglight.viewer.state.display import LUMINANCE
 from asglight.viewer.state.held import Held
@@ -21,15 +23,19 @@ BELOW_PEAK = 0.1
 _MIDDLE_EM = 11.0
 """Width of a plot from which its middle frame is numbered as well."""
 
+NUMBERS = 5
+"""On a logarithmic axis about so many, which the lowest plot has room for."""
+
 TITLES = ("amplitude", "sharpness", "direction")
 
 
 def curves(state: ViewerState) -> None:
     """Draw three plots side by side; dragging in one scrubs."""
-    if len(state.tracks.frames) < 2:
-        imgui.text_disabled("One frame only: nothing changes over time.")
+    finding = without_curves(state)
+    if finding:
+        imgui.text_disabled(finding)
         return
-    values = track_curves(Held(state.tracks))
+    values = track_curves(Held(state.tracks), state.fitted)
     room = imgui.get_content_region_avail()
     frames = np.asarray(state.tracks.frames, dtype=np.float64)
     flags = implot.SubplotFlags_.link_all_x | implot.SubplotFlags_.no_resize
@@ -39,15 +45,40 @@ def curves(state: ViewerState) -> None:
         implot.end_subplots()
 
 
+def without_curves(state: ViewerState) -> str:
+    """Return why there is nothing to plot; empty where there is something."""
+    if len(state.tracks.frames) < 2:
+        return "One frame only: nothing changes over time."
+    if state.tracks.lobes.count and (state.fitted is None or state.fitted):
+        return ""
+    return "The first lobes are being fitted ..." if state.is_fitting else "No lobes."
+
+
 @lru_cache(maxsize=2)
-def track_curves(tracks: Held[LobeTracks]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what the plots show.
+def track_curves(
+    tracks: Held[LobeTracks], fitted: frozenset[int] | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what the plots show; NaN, which cuts a curve, in frames without lobes yet.
+
+    Args:
+        tracks: Lobes of every frame of the timeline.
+        fitted: Frames whose lobes are known; None for all.
 
     Returns:
         Luminance of the amplitude, sharpness (the geometric mean of both axes), and the angle to
-        the lobe's direction in the first frame in degrees.  [N, F] each
+        the lobe's direction in the first of those frames in degrees.  [N, F] each
     """
-    lobes = tracks.value.lobes
+    frames = tracks.value.frames
+    known = np.array([fitted is None or frame in fitted for frame in frames])
+    found = _of_known(tracks.value.lobes[torch.from_numpy(known)])
+    first, second, third = (np.full((len(rows), len(frames)), np.nan) for rows in found)
+    for every, rows in zip((first, second, third), found, strict=True):
+        every[:, known] = rows
+    return first, second, third
+
+
+def _of_known(lobes: Lobes) -> list[np.ndarray]:
+    """Return the curves of frames that have their lobes.  [F, N, .] -> [N, F] each."""
     amplitude = lobes.amplitude.numpy().astype(np.float64) @ LUMINANCE  # [F, N]
     sharpness = lobes.sharpness.numpy().astype(np.float64).prod(-1) ** 0.5
     axis = lobes.axis_z.numpy().astype(np.float64)
@@ -57,9 +88,7 @@ def track_curves(tracks: Held[LobeTracks]) -> tuple[np.ndarray, np.ndarray, np.n
     peaks = amplitude.max(0)  # [N]
     weakest = peaks[peaks > 0].min(initial=peak)
     floor = max(BELOW_PEAK * weakest, peak * 10.0**-DECADES)
-    rows = (np.maximum(amplitude, floor), sharpness, turn)
-    first, second, third = (np.ascontiguousarray(values.T) for values in rows)
-    return first, second, third
+    return [values.T for values in (np.maximum(amplitude, floor), sharpness, turn)]
 
 
 def _plot(
@@ -81,13 +110,14 @@ def _plot(
     if imgui.get_content_region_avail().x / len(TITLES) < widgets.em(_MIDDLE_EM):
         ends = [first, last]
     implot.setup_axis_ticks(implot.ImAxis_.x1, ends, [f"{end:.0f}" for end in ends])
-    implot.setup_axis_limits(
-        implot.ImAxis_.y1, *_limits(tracks, is_logarithmic), imgui.Cond_.always
-    )
+    limits = _limits(tracks, is_logarithmic)
+    implot.setup_axis_limits(implot.ImAxis_.y1, *limits, imgui.Cond_.always)
     if title == TITLES[2]:
         implot.setup_axis_format(implot.ImAxis_.y1, "%g°")
     if is_logarithmic:
         implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
+        numbers = log_ticks(*limits)
+        implot.setup_axis_ticks(implot.ImAxis_.y1, numbers, [f"{n:.3g}" for n in numbers])
     lights = (state.tracks.lobes.amplitude > 0).any(-1).any(0).tolist()  # in any frame
     for lobe, values in enumerate(tracks):
         if not lights[lobe] or lobe in state.history.deleted:
@@ -107,15 +137,34 @@ def _limits(tracks: np.ndarray, is_logarithmic: bool) -> tuple[float, float]:
     """Return the ends of the vertical axis: all curves lie between them.
 
     Args:
-        tracks: What is plotted.  [N, F]
+        tracks: What is plotted, NaN where it is cut.  [N, F]
         is_logarithmic: Whether the axis is.
     """
-    low, high = float(tracks.min(initial=np.inf)), float(tracks.max(initial=0.0))
+    known = tracks[np.isfinite(tracks)]
+    low, high = float(known.min(initial=np.inf)), float(known.max(initial=0.0))
     if not is_logarithmic:
         return 0.0, max(1.05 * high, 1.0)  # at least a degree: rounding is no motion
     tiny = float(np.finfo(np.float32).tiny)
     low, high = max(min(low, high), tiny), max(high, tiny)
     return low / 1.5, high * 1.5
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Return numbers for a logarithmic axis, two at least where there is room for them.
+
+    Args:
+        low: Its lower end, above 0.
+        high: Its upper end, more than 1.7 times that, so that one is between them.
+    """
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    decades = range(first, last + 1, max(1, math.ceil((last - first) / NUMBERS)))
+    found: list[float] = []
+    for within in ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)):
+        numbers = (number * 10.0**decade for decade in decades for number in within)
+        found = [number for number in numbers if low < number < high]
+        if len(found) > 1:
+            break
+    return found
 
 
 def _faint() -> ImVec4:

@@ -17,6 +17,7 @@ _MOUSE = (
     ("click in the map or list", "select a lobe; with Ctrl more than one"),
     ("Shift+click in the list", "select all between"),
     ("double click in the list", "rename"),
+    ("drag the edge below the list", "height of the list; double click: as high as fits"),
     ("drag a lobe in the map", "turn it, and all that are selected"),
     ("Ctrl+click or drag on a ball", "put the highlight of the selected lobe there"),
     ("drop a file or folder", "open a stage, or compare with an image or sequence"),
@@ -49,16 +50,22 @@ def keys_window(state: ViewerState) -> None:
 
 def status_line(state: ViewerState, session: Session) -> None:
     """Show the last message, or how far a running fit has come."""
+    imgui.text(said(state, session))
+    tail = f"{_rate(state)}F1: keys"
+    imgui.same_line(imgui.get_window_width() - imgui.calc_text_size(tail).x - widgets.em(1))
+    imgui.text_disabled(tail)
+
+
+def said(state: ViewerState, session: Session) -> str:
+    """Return the line: what was done last, as long as that is new, then what is amiss."""
     status = session.source.status()
     missing = None
     if state.references is not None:
         missing = state.references.message(state.playback.frame)
-    text = status.failure or missing or state.message or status.message
     done = f"lobes of {status.frames_done} of {status.frames_total} frames"
-    imgui.text(text if text else done)
-    tail = f"{_rate(state)}F1: keys"
-    imgui.same_line(imgui.get_window_width() - imgui.calc_text_size(tail).x - widgets.em(1))
-    imgui.text_disabled(tail)
+    if not state.tracks.lobes.count and not state.is_fitting:
+        done = "no lobes"
+    return state.message or status.failure or missing or status.message or done
 
 
 def _rate(state: ViewerState) -> str:

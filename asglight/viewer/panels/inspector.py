@@ -30,8 +30,7 @@ def inspector(state: ViewerState, renderer: Renderer) -> None:
     if inspected is None:
         imgui.text_disabled("Point at a ball or at the map.")
         return
-    longitude, latitude = angles_deg(inspected.direction)
-    x, y, z = inspected.direction
+    azimuth, elevation = angles_deg(inspected.direction)
     name = "let go" if state.is_pinned else "pin"
     widgets.button(state, "Pin the probe, or let it go", f"{name}###pin", width=3.5)
     imgui.same_line()
@@ -41,10 +40,8 @@ def inspector(state: ViewerState, renderer: Renderer) -> None:
     widgets.tooltip("Put these numbers into the clipboard, apart by tabs.")
     imgui.same_line()
     imgui.text(inspected.place)
-    imgui.same_line()
-    imgui.text_disabled(
-        f"lon {longitude:+.1f} deg  lat {latitude:+.1f} deg   ({x:+.2f}, {y:+.2f}, {z:+.2f})"
-    )
+    imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(widgets.em(0.25), 0))
+    imgui.text_disabled(f"azimuth {azimuth:.1f} deg, elevation {elevation:.1f} deg")
     beside = widgets.em(MAGNIFIER_EM + 0.5) if _magnifier(state, renderer) else 0.0
     width = imgui.get_content_region_avail().x - beside
     flags = imgui.TableFlags_.sizing_stretch_prop
@@ -56,6 +53,7 @@ def inspector(state: ViewerState, renderer: Renderer) -> None:
         _row("A" if is_b else "fit", inspected.fit)
         _row("B" if is_b else "reference", inspected.reference)
         imgui.end_table()
+    imgui.pop_style_var()
     parts = [f"{state.lobe_names[lobe]} {100 * share:.0f} %" for lobe, share in inspected.shares]
     imgui.text_disabled("from " + ", ".join(parts[:LOBES_SHOWN]) if parts else "from no lobe")
     imgui.set_item_tooltip("Lobes that send light from this direction, by share of luminance")

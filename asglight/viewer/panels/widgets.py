@@ -10,6 +10,7 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 
 from asglight.viewer.state.commands import COMMANDS, Command, command
 from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import ListRoom
 
 E = TypeVar("E", bound=StrEnum)
 
@@ -146,6 +147,32 @@ def slider(
     )
     tooltip(f"{explanation}\nCtrl+click: type a number", keys)
     return changed, value
+
+
+def split(room: ListRoom, top: float, height: float) -> None:
+    """Show the lower edge of a list, to be dragged; a double click lets it find its own place.
+
+    Args:
+        room: Takes the list's share.
+        top: Of the list, in points of the screen.
+        height: Of the panel.
+    """
+    imgui.invisible_button("##split", ImVec2(-1, em(0.5)))
+    tooltip("Drag: height of the list. Double click: as high as fits")
+    corner, end = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    is_held = imgui.is_item_active() or imgui.is_item_hovered()
+    middle, strength = (corner.y + end.y) / 2, 0.6 if is_held else 0.2
+    imgui.get_window_draw_list().add_line(
+        ImVec2(corner.x, middle), ImVec2(end.x, middle), ink(strength), 2.0
+    )
+    if is_held:
+        imgui.set_mouse_cursor(imgui.MouseCursor_.resize_ns)
+    moved = imgui.get_io().mouse_delta.y
+    if imgui.is_item_active() and moved:
+        points = corner.y - imgui.get_style().item_spacing.y - top + moved
+        room.share = max(0.1, min(0.9, points / height))
+    if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
+        room.share = None
 
 
 def line(name: str, text: str, is_selected: bool) -> bool:

@@ -2,6 +2,7 @@
 """The rest of a keyed stage at the frames of the timeline, and the lobes that keys stand in for."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -10,6 +11,8 @@ from asglight.lobes import LobeTracks
 from asglight.sphere import latlong
 from asglight.usd.read.rest import Rest
 from asglight.viewer.reference.images import BYTE_BUDGET, HEIGHT_MAX, Reference
+from asglight.viewer.state.display import LUMINANCE
+from asglight.viewer.state.held import Held
 
 
 @dataclass
@@ -40,6 +43,12 @@ def open_rest(rest: Rest) -> Reference:
         return radiance.contiguous().numpy()
 
     return Reference("the rest", rest.times, read, byte_budget=BYTE_BUDGET // 2)
+
+
+@lru_cache(maxsize=2)
+def energy_of(radiance: Held[np.ndarray]) -> float:
+    """Return the luminance of a map's flux, as `picking.energies` counts that of keys."""
+    return float(flux_of(radiance.value).to(torch.float64) @ torch.tensor(LUMINANCE).double())
 
 
 def flux_of(radiance: np.ndarray) -> torch.Tensor:

@@ -96,10 +96,10 @@ def as_text(inspected: Inspected, names: tuple[str, ...]) -> str:
         inspected: What is read.
         names: Of the lobes.
     """
-    longitude, latitude = angles_deg(inspected.direction)
+    azimuth, elevation = angles_deg(inspected.direction)
     lines = [
         f"place\t{inspected.place}",
-        f"longitude, latitude (deg)\t{longitude:.3f}\t{latitude:.3f}",
+        f"azimuth, elevation (deg)\t{azimuth:.3f}\t{elevation:.3f}",
         "direction\t" + "\t".join(f"{value:.6f}" for value in inspected.direction),
     ]
     for name, radiance in (("fit", inspected.fit), ("reference", inspected.reference)):
@@ -116,6 +116,6 @@ def stops(radiance: np.ndarray) -> float:
 
 
 def angles_deg(direction: np.ndarray) -> tuple[float, float]:
-    """Return longitude (0 at +Z, 90 at +X) and latitude of a direction, in degrees."""
+    """Return azimuth (0 at +Z, 90 at +X) and elevation of a direction, in degrees."""
     x, y, z = direction
     return math.degrees(math.atan2(x, z)), math.degrees(math.atan2(y, math.hypot(x, z)))

@@ -59,7 +59,9 @@ class Session:
             self.state.replace_tracks(padded(tracks, self.state.playback.frames))
         status = self.source.status()
         self.state.is_fitting = not status.is_finished
-        self.state.fitted = self._found if self.state.is_fitting else None
+        # A fit that has ended early leaves frames without lobes, too.
+        is_whole = self._found.issuperset(self.state.playback.frames)
+        self.state.fitted = None if is_whole else self._found
         if self.meters:
             self.meters = not self.state.meter()
         for images in self._images():

@@ -24,6 +24,7 @@ def as_text(state: ViewerState) -> str:
             "pace": state.playback.pace,
             "theme": state.theme,
             "loop": state.playback.loops,
+            "list of lobes": state.list_room.share,
         }
     )
 
@@ -48,6 +49,9 @@ def restore(state: ViewerState, text: str) -> None:
         state.playback.pace = Pace(values.get("pace"))
     with suppress(ValueError):
         state.theme = Theme(values.get("theme"))
+    share = values.get("list of lobes")
+    if isinstance(share, float) and 0 < share < 1:
+        state.list_room.share = share
     state.display.zebra = values.get("zebra") is True
     state.environment.is_shown = values.get("background") is True
     state.playback.loops = values.get("loop") is not False

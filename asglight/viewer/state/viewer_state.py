@@ -11,7 +11,7 @@ import torch
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, asg, flat
 from asglight.viewer.reference.images import Reference
-from asglight.viewer.reference.rest import Keyed, flux_of
+from asglight.viewer.reference.rest import Keyed, energy_of, flux_of
 from asglight.viewer.state.balls import WHITE, Ball, Material, Rgb, ball_row
 from asglight.viewer.state.camera import Camera
 from asglight.viewer.state.compared.against import Against
@@ -37,6 +37,7 @@ from asglight.viewer.state.views import (
     Compared,
     Environment,
     Inspected,
+    ListRoom,
     Outlines,
     Probe,
     Renaming,
@@ -110,6 +111,7 @@ class ViewerState:
         fitted: Frames whose lobes are known; None for all.
         is_fitting: Whether more lobes will come.
         editing: Where edits hold, and what the hand holds.
+        list_room: How high the list of lobes is.
         renaming: The name of a lobe that is being typed, or None.
         moves_wipe: Whether the drag that goes on began on the wipe line.
         requests: What the window is to do.
@@ -121,14 +123,16 @@ class ViewerState:
         references: Reference | None = None,
         clock: Callable[[], float] = time.monotonic,
         muted: Iterable[int] = (),
+        keyed: Keyed | None = None,
     ) -> None:
         """Show tracks from their first frame on.
 
         Args:
-            tracks: At least one frame.
+            tracks: At least one frame; lobes that are muted as they would light.
             references: Images to compare with.
             clock: Seconds on a steady clock, for playing.
             muted: Indices of the lobes that are muted.
+            keyed: What the stage shows beside its keys, which the tracks are then.
 
         Raises:
             InputError: There are more lobes than `lobes_max`.
@@ -151,6 +155,7 @@ class ViewerState:
         self.message = ""
         self.editing = Editing()
         self.moves_wipe = False
+        self.list_room = ListRoom()
         self.renaming: Renaming | None = None
         self.inspected: Inspected | None = None
         self.probe: Probe | None = None
@@ -160,29 +165,11 @@ class ViewerState:
         self.fitted: frozenset[int] | None = None
         self.is_fitting = False
         self.requests: list[Request] = []
-        self.keyed: Keyed | None = None
+        self.keyed = keyed
         self.references: Reference | None = None
         self.against: Against | None = None
-        self.open(tracks, references, muted)
-
-    def open(
-        self,
-        tracks: LobeTracks,
-        references: Reference | None = None,
-        muted: Iterable[int] = (),
-    ) -> None:
-        """Show other tracks; camera, display and environment stay as they are.
-
-        Args:
-            tracks: At least one frame; lobes that are muted as they would light.
-            references: Images to compare with.
-            muted: Indices of the lobes that are muted.
-
-        Raises:
-            InputError: There are more lobes than `lobes_max`.
-        """
         check_count(tracks)
-        self.history = EditHistory(tracks, muted)
+        self.history = EditHistory(tracks, muted, are_keys=keyed is not None)
         self.playback = Playback(tracks.frames, tracks.fps)
         self.span = TimeSpan(tracks.frames[0], tracks.frames[-1] + 1)
         self.selection = Selection(self.brightest())
@@ -258,9 +245,10 @@ class ViewerState:
 
     @property
     def is_fitted(self) -> bool:
-        """Whether the shown frame has its lobes."""
+        """Whether the shown time has its lobes: its frame, or both that it lies between."""
         has_light = self.tracks.lobes.count > 0 or self.keyed is not None
-        return has_light and (self.fitted is None or self.playback.frame in self.fitted)
+        frames = {self.playback.frame, *((self.playback.next_frame,) * self.playback.is_between)}
+        return has_light and (self.fitted is None or self.fitted >= frames)
 
     @property
     def lit(self) -> tuple[int, ...]:
@@ -344,6 +332,12 @@ class ViewerState:
     def rest_image(self) -> np.ndarray | None:
         """What lights beside the keys at the shown time, likewise.  [H, W, 3]."""
         return None if self.keyed is None else self._image(self.keyed.rest)
+
+    @property
+    def rest_energy(self) -> float:
+        """The energy of the rest, as `picking.energies` counts that of keys."""
+        image = self.rest_image
+        return 0.0 if image is None else energy_of(Held(image))
 
     def _image(self, images: Reference) -> np.ndarray | None:
         playback = self.playback

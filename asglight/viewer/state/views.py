@@ -120,6 +120,19 @@ class Selection:
 
 
 @dataclass
+class ListRoom:
+    """How the panel of lobes is divided.
+
+    Attributes:
+        share: Of its height that the list has; None for what the controls leave it.
+        controls: Height of the controls in the last picture, in points.
+    """
+
+    share: float | None = None
+    controls: float = 0.0
+
+
+@dataclass
 class Renaming:
     """A name that is being typed.
 

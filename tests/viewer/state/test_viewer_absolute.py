@@ -11,6 +11,7 @@ from pxr import UsdLux
 from scipy.spatial.transform import Rotation
 from usd_tracks import moving
 
+from asglight.keys.lobes import as_lobes
 from asglight.lobes import Form, Lobes, asg
 from asglight.usd.lights.colour_temperature import KELVIN_LIMITS, rgb_of, temperature_of
 from asglight.viewer.state.edits.absolute import FIELDS, colour_edit, edit_of, lamp_of
@@ -122,3 +123,40 @@ def test_a_temperature_is_the_colour_that_usd_gives_it():
 @pytest.mark.parametrize(("colour", "end"), [((1.0, 0.1, 1e-6), 0), ((0.1, 0.2, 1.0), 1)])
 def test_a_colour_beyond_all_black_bodies_gets_the_nearest_end(colour, end):
     assert temperature_of(colour)[0] == KELVIN_LIMITS[end]
+
+
+def card(width: float, height: float) -> Lobes:
+    """Return a key whose rectangle has some angles and a radiance of 0.36, turned somewhere."""
+    tangents = np.tan(np.radians([width, height]) / 2)
+    p, q = tangents
+    solid_angle = 4 * math.atan(p * q / math.sqrt(1 + p * p + q * q))
+    axes = lamp(30.0, 20.0, 10.0, (1.0, 1.0)).axes.numpy().astype(np.float64)
+    return as_lobes(axes, tangents, np.full(3, 0.36 * solid_angle)).to(torch.float32)
+
+
+@pytest.mark.parametrize(("width", "height"), [(0.5, 0.4), (20.0, 30.0), (120.0, 8.0)])
+def test_a_key_is_described_as_the_rectangle_that_it_is(width: float, height: float) -> None:
+    found = lamp_of(card(width, height), is_key=True)
+    # a float32 sharpness is known to 1e-7, and a narrow card's size is its square root's inverse
+    assert (found.width, found.height) == pytest.approx((width, height), rel=2e-5)
+    assert found.radiance == pytest.approx(0.36, rel=1e-4)
+
+
+@pytest.mark.parametrize(("field", "value"), [("width", 45.0), ("height", 2.0), ("width", 110.0)])
+def test_a_key_that_is_resized_keeps_its_other_side_and_its_radiance(
+    field: str, value: float
+) -> None:
+    tracks = moving(range(2))
+    key = card(20.0, 30.0)
+    lobes = replace(tracks.lobes, axes=tracks.lobes.axes.clone())
+    lobes.axes[:, 0], lobes.sharpness[:, 0] = key.axes, key.sharpness
+    lobes.amplitude[:, 0] = key.amplitude
+    tracks = replace(tracks, lobes=lobes)
+    edit = edit_of(key, (0, None), field, value, is_key=True)
+    found = lamp_of(apply(tracks, edit).lobes[0, 0], is_key=True)
+    wanted = {"width": 20.0, "height": 30.0, field: value}
+    assert (found.width, found.height) == pytest.approx(
+        (wanted["width"], wanted["height"]), rel=1e-4
+    )
+    assert found.radiance == pytest.approx(0.36, rel=1e-4)
+    assert found.azimuth == pytest.approx(30.0, abs=FLOAT32_DEG)

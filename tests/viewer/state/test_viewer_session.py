@@ -9,7 +9,10 @@ import torch
 
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks
+from asglight.viewer.panels.curves import without_curves
+from asglight.viewer.panels.help import said
 from asglight.viewer.reference.images import Reference
+from asglight.viewer.state.compared.titles import titles
 from asglight.viewer.state.session import Session, no_lobes, padded
 from asglight.viewer.state.source import FixedSource, SourceStatus
 from asglight.viewer.state.viewer_state import ViewerState
@@ -96,6 +99,56 @@ def test_waiting_for_a_frame_that_never_comes_raises_the_failure(two_lamps: Lobe
     watched.state.playback.go_to(1002)
     with pytest.raises(InputError, match=r"^sky\.1002\.exr: is damaged\.$"):
         watched.wait()
+
+
+@pytest.mark.parametrize(
+    ("failure", "title"), [(None, "Fit"), ("ended", "Fit: none of this frame")]
+)
+def test_frames_that_a_fit_has_not_come_to_count_as_none_also_when_it_fails(
+    two_lamps: LobeTracks, failure: str | None, title: str
+) -> None:
+    news = [first(two_lamps, 2), None] if failure else [first(two_lamps, 2), None, two_lamps]
+    watched = session(Script(news, failure), two_lamps)
+    state = watched.state
+    watched.update()
+    assert state.fitted == {1001, 1002}
+    state.playback.go_to_time(1001.5)
+    assert state.is_fitted
+    state.playback.go_to_time(1003.0)  # between 1002, which is there, and 1004
+    assert not state.is_fitted
+    assert titles(state)[0] == "Fit: not there yet"
+    for _ in range(2):
+        watched.update()
+    assert not state.is_fitting
+    assert state.fitted == ({1001, 1002} if failure else None)
+    assert titles(state)[0] == title
+
+
+@pytest.mark.parametrize("is_fitting", [True, False])
+def test_without_lobes_there_are_no_curves_and_it_is_said(
+    two_lamps: LobeTracks, is_fitting: bool
+) -> None:
+    none = no_lobes(two_lamps.frames, two_lamps.fps)
+    source = Script([None, two_lamps]) if is_fitting else FixedSource(none)
+    watched = Session(ViewerState(none), source, "test")
+    watched.update()
+    if is_fitting:
+        assert without_curves(watched.state) == "The first lobes are being fitted ..."
+        watched.update()
+        assert without_curves(watched.state) == ""
+    else:
+        assert without_curves(watched.state) == "No lobes."
+        assert said(watched.state, watched) == "no lobes"
+
+
+def test_what_was_just_done_is_said_also_after_a_fit_has_failed(two_lamps: LobeTracks) -> None:
+    watched = session(Script([first(two_lamps, 2)], "sky.1004.exr: is damaged."), two_lamps)
+    watched.update()
+    assert said(watched.state, watched) == "sky.1004.exr: is damaged."
+    watched.state.message = "Saved balls.png."
+    assert said(watched.state, watched) == "Saved balls.png."
+    watched.state.message = ""
+    assert said(watched.state, watched) == "sky.1004.exr: is damaged."
 
 
 def grey(frame: int) -> np.ndarray:

@@ -19,12 +19,14 @@ def test_settings_come_back(two_lamps: LobeTracks) -> None:
     before.environment.is_shown = True
     before.playback.pace = Pace.EVERY_FRAME
     before.playback.loops = False
+    before.list_room.share = 0.375
     settings.restore(after, settings.as_text(before))
     assert after.display == before.display
     assert after.material is Material.DIELECTRIC
     assert after.environment.is_shown
     assert after.playback.pace is Pace.EVERY_FRAME
     assert not after.playback.loops
+    assert after.list_room.share == 0.375
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", '{"view": 3, "material": "wood", "pace": null}'])

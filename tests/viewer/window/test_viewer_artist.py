@@ -34,9 +34,6 @@ from asglight.viewer.state.display import Comparison, ViewTransform
 from asglight.viewer.state.edits.absolute import lamp_of
 
 CTRL, SHIFT = int(imgui.Key.mod_ctrl), int(imgui.Key.mod_shift)
-WATCHDOG_S = 1000.0
-"""For the whole of it, on a machine that has other work."""
-
 FRAMES = tuple(range(1001, 1009))
 LAMPS = (
     # u, v, sharpness along x and y, radiance
@@ -289,8 +286,6 @@ def test_an_artists_five_minutes(
         write_exr(tmp_path / f"sky.{frame}.exr", texel_means(tracks.lobes[place], 64, 128))
 
     def script(test: Any, driven: Driven) -> None:
-        test.engine_io.config_watchdog_warning = WATCHDOG_S
-        test.engine_io.config_watchdog_kill_test = WATCHDOG_S
         artist = Artist(test, driven, pictures)
         artist.looks("stage")
         for act in ACTS:

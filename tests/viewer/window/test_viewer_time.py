@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time between frames: lobes by the rule of motion, the reference dissolved; the timeline."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,14 +9,19 @@ import pytest
 import torch
 import windows
 from imgui_bundle import ImVec2, imgui
+from imgui_bundle.immapp import testing
+from PIL import Image
 from windows import Drive, Driven
 
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks, asg
 from asglight.viewer.app import set_up
+from asglight.viewer.panels import widgets
+from asglight.viewer.panels.curves import log_ticks, track_curves
 from asglight.viewer.reference.images import Reference
+from asglight.viewer.state.held import Held
 from asglight.viewer.state.session import Session
-from asglight.viewer.state.source import FixedSource
+from asglight.viewer.state.source import FixedSource, SourceStatus
 from asglight.viewer.state.time.playback import Playback
 from asglight.viewer.state.time.time_span import TimeSpan, tick_step
 from asglight.viewer.state.viewer_state import ViewerState
@@ -29,6 +35,84 @@ def ramp(tracks: LobeTracks) -> Reference:
 def bar_point(test: Any, share: float) -> ImVec2:
     box = test.item_info("Timeline/##bar").rect_full
     return ImVec2(box.min.x + share * (box.max.x - box.min.x), (box.min.y + box.max.y) / 2)
+
+
+class Running(FixedSource):
+    """A fit that has come to some frames and goes on."""
+
+    def status(self) -> SourceStatus:
+        return SourceStatus(0, 0)
+
+
+def accents(picture: Path, box: tuple[int, ...]) -> int:
+    """Count the pixels of a part of a picture that are of the accent's hue, if not its strength."""
+    pixels = np.asarray(Image.open(picture).convert("RGB").crop(box), dtype=float) / 255
+    accent = np.array([widgets.ACCENT.x, widgets.ACCENT.y, widgets.ACCENT.z])
+    return int((np.abs(pixels - accent).max(-1) < 0.2).sum())
+
+
+def test_curves_end_where_a_fit_has_not_come_to_yet(tmp_path: Path, two_lamps: LobeTracks) -> None:
+    frames = tuple(range(1001, 1009))
+    lobes = two_lamps.lobes[torch.tensor([0, 1, 2, 2, 1, 0, 1, 2])]
+    whole = LobeTracks(frames, 24.0, lobes)
+    half = LobeTracks(frames[:4], 24.0, lobes[:4])
+    counted: dict[str, tuple[int, int]] = {}
+
+    def count(test: Any, picture: Path, first: float, last: float) -> list[int]:
+        """Count what has the accent in a part of the width of each plot."""
+        box = test.window_info("Curves").rect_full
+        third, height = (box.max.x - box.min.x) / 3, box.max.y - box.min.y
+        rows = box.min.y + 0.3 * height, box.min.y + 0.9 * height
+        starts = [box.min.x + place * third for place in range(3)]
+        boxes = [(x + first * third, rows[0], x + last * third, rows[1]) for x in starts]
+        return [accents(picture, tuple(map(int, one))) for one in boxes]
+
+    def script(test: Any, driven: Driven) -> None:
+        driven.state.select(0)  # whose curves have the accent
+        for name, source in (("half", Running(half)), ("whole", FixedSource(whole))):
+            driven.window.session.source = source
+            test.yield_(5)
+            picture = tmp_path / f"{name}.png"
+            testing.capture(test, str(picture))
+            # the axis takes a fifth of a plot at most, four of eight frames half of the rest
+            begun, not_yet = count(test, picture, 0.25, 0.4), count(test, picture, 0.75, 0.95)
+            counted[name] = min(begun), max(not_yet)
+
+    windows.drive(whole, script)
+    assert counted["whole"][0] > 0
+    assert counted["whole"][1] > 0
+    assert counted["half"][0] > 0
+    assert counted["half"][1] == 0
+
+
+def test_curves_of_frames_that_are_there_are_the_same_while_others_are_not(
+    two_lamps: LobeTracks,
+) -> None:
+    whole = track_curves(Held(two_lamps))
+    for rows, every in zip(
+        track_curves(Held(two_lamps), frozenset((1002, 1004))), whole, strict=True
+    ):
+        assert np.isnan(rows[:, 0]).all()
+        assert np.isfinite(rows[:, 1:]).all()
+        if every is not whole[2]:
+            np.testing.assert_array_equal(rows[:, 1:], every[:, 1:])
+    degrees = track_curves(Held(two_lamps), frozenset((1002, 1004)))[2]
+    assert degrees[0, 1] == 0  # from the first that is there
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "wanted"),
+    [
+        (0.08, 1.2, [0.1, 1.0]),
+        (130.0, 300.0, [150.0, 200.0]),
+        (1.1, 1.9, [1.5]),
+        (2e-9, 9e2, [1e-6, 1e-3, 1e0]),
+    ],
+)
+def test_logarithmic_axes_have_numbers_also_within_a_decade(
+    low: float, high: float, wanted: list[float]
+) -> None:
+    assert log_ticks(low, high) == pytest.approx(wanted)
 
 
 def test_half_a_frame_has_half_of_both_fluxes_the_mean_log_sharpness_and_half_the_turn(

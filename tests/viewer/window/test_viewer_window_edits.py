@@ -9,7 +9,7 @@ import pytest
 import torch
 import windows
 from imgui_bundle import ImVec2, imgui
-from windows import Drive, Driven, rendered, wait_for
+from windows import Drive, Driven, map_point, rendered, wait_for
 
 from asglight.cli.sources.opening import opened_in_window
 from asglight.lobes import LobeTracks
@@ -20,12 +20,6 @@ from asglight.viewer.state.edits.editing import Scope
 from asglight.viewer.state.views import Request
 
 CTRL, SHIFT = int(imgui.Key.mod_ctrl), int(imgui.Key.mod_shift)
-
-
-def map_point(test: Any, u: float, v: float) -> ImVec2:
-    """Return the point of the map panel at latlong coordinates."""
-    box = test.item_info("Map/##map").rect_full
-    return ImVec2(box.min.x + u * (box.max.x - box.min.x), box.min.y + v * (box.max.y - box.min.y))
 
 
 def click_with(test: Any, modifier: int, click: Any) -> None:

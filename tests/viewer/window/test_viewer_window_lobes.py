@@ -9,7 +9,7 @@ import pytest
 import torch
 import windows
 from imgui_bundle import ImVec2, imgui
-from windows import Drive, Driven, wait_for
+from windows import Drive, Driven, map_point, wait_for
 
 from asglight.errors import InputError
 from asglight.images import write_exr
@@ -23,12 +23,6 @@ from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Request
-
-
-def map_point(test: Any, u: float, v: float) -> ImVec2:
-    """Return the point of the map panel at latlong coordinates."""
-    box = test.item_info("Map/##map").rect_full
-    return ImVec2(box.min.x + u * (box.max.x - box.min.x), box.min.y + v * (box.max.y - box.min.y))
 
 
 def test_click_in_the_map_selects_and_keys_solo_and_mute(drive: Drive) -> None:

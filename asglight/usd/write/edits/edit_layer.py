@@ -160,7 +160,7 @@ def _tracks(
     """Yield the attributes of the edited lobes and of their lights."""
     chosen = sorted(edited)
     lobes = tracks.lobes.select(torch.tensor(chosen, dtype=torch.long))
-    lobes = layer.continuous(to_stage(lobes, space_for(below.options)))
+    lobes = layer.continuous(to_stage(lobes, space_for(below.options)), keeps_first=True)
     paths = below.lobe_paths
     own = [paths[index] for index in chosen]
     shot = Shot(lobes, np.asarray(tracks.frames, dtype=np.float64))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lobes that an edit layer mutes, deletes, adds or renames.
+"""Lobes, or keys, that an edit layer mutes, deletes, adds or renames.
 
 A muted lobe is invisible and keeps its values, so that it can light again. A deleted one is
 inactive: USD has no way to take a prim of a weaker layer away. An added one is a prim of the layer,
@@ -120,19 +120,11 @@ def author_added(
         return
     chosen = torch.tensor(added, dtype=torch.long)
     lobes = changes.in_rig.lobes.select(chosen)
-    shot = Shot(layer.continuous(to_stage(lobes, space_for(options))), author.frames)
-    names = _free_names(rig, changes)
-    path = rig.GetPath()
-    scope = Sdf.CreatePrimInLayer(built, path.AppendChild(schema.LOBES))
-    layer.author_in(author, scope, names, shot.of_lobes())
-    for index, name in zip(added, names, strict=True):
-        prim = built.GetPrimAtPath(scope.path.AppendChild(name))
-        own = changes.tracks.names[index]
-        shown = changes.tracks.display_names.get(own, own)
-        if shown != name:
-            prim.SetInfo(schema.DISPLAY_NAME, shown)
-        if index in changes.muted:
-            _author_visibility(prim, "invisible")
+    in_stage = layer.continuous(to_stage(lobes, space_for(options)), keeps_first=True)
+    shot = Shot(in_stage, author.frames)
+    names = free_names(child_of(rig, schema.LOBES), changes, "lobe")
+    scope = Sdf.CreatePrimInLayer(built, rig.GetPath().AppendChild(schema.LOBES))
+    author_prims(author, scope, names, shot, changes)
     every = changes.kinds(held)
     for representation in options.held:
         lights: list[layer.TimedLights] = [((), author.frames)] * len(added)
@@ -147,14 +139,49 @@ def author_added(
         layer.author_lights(author, holder, kind, names, lights)
 
 
-def _free_names(rig: Usd.Prim, changes: LobeChanges) -> list[str]:
-    """Return the names of the added prims: their own, unless an inactive prim has it already."""
-    taken = {prim.GetName() for prim in child_of(rig, schema.LOBES).GetAllChildren()}
+def author_prims(
+    author: TrackAuthor,
+    scope: Sdf.PrimSpec,
+    names: Sequence[str],
+    shot: Shot,
+    changes: LobeChanges,
+) -> None:
+    """Author what was added, with what it is called and whether it is muted, without lights.
+
+    Args:
+        author: Authors values over time.
+        scope: Takes the prims.
+        names: Of the prims.
+        shot: What they are.
+        changes: What became of the lobes.
+    """
+    layer.author_in(author, scope, names, shot.of_lobes())
+    for index, name in zip(changes.added, names, strict=True):
+        prim = scope.layer.GetPrimAtPath(scope.path.AppendChild(name))
+        own = changes.tracks.names[index]
+        shown = changes.tracks.display_names.get(own, own)
+        if shown != name:
+            prim.SetInfo(schema.DISPLAY_NAME, shown)
+        if index in changes.muted:
+            _author_visibility(prim, "invisible")
+
+
+def free_names(scope: Usd.Prim, changes: LobeChanges, kind: str) -> list[str]:
+    """Return the names of the added prims: their own, unless an inactive prim has it already.
+
+    Args:
+        scope: Holds those of the stage.
+        changes: What became of the lobes.
+        kind: What names begin with.
+    """
+    taken = {prim.GetName() for prim in scope.GetAllChildren()} if scope else set()
     names: list[str] = []
     for index in changes.added:
         name = changes.tracks.names[index]
         if name in taken:
-            (name,) = lobe_names(1, first_unused([*taken, *names, *changes.tracks.names]))
+            (name,) = lobe_names(
+                1, first_unused([*taken, *names, *changes.tracks.names], kind), kind
+            )
         names.append(name)
     return names
 

@@ -2,9 +2,10 @@
 """What the selected lobe is, in degrees, stops and colours, to be dragged or typed."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
-from imgui_bundle import imgui
+from imgui_bundle import ImVec2, imgui
 
 from asglight.lobes import Form
 from asglight.usd.lights.colour_temperature import KELVIN_LIMITS, rgb_of
@@ -18,20 +19,37 @@ from asglight.viewer.state.viewer_state import ViewerState
 _TINT_LIMITS = (-3.0, 3.0)
 """Stops of green: beyond them a light is magenta or green and no lamp."""
 
+
+class _Field(NamedTuple):
+    """A number of a lobe, its unit, its decimals, what it can be, what it is."""
+
+    name: str
+    unit: str
+    decimals: int
+    limits: tuple[float, float]
+    explanation: str
+
+
+_OPEN = imgui.TreeNodeFlags_.default_open
+
+_STOPS = (-EXPOSURE_EV_MAX, EXPOSURE_EV_MAX)
+
 _FIELDS = (
-    ("azimuth", (-180.0, 180.0), "deg", 1, "Degrees around +Y: 0 at +Z, 90 at +X."),
-    ("elevation", (-90.0, 90.0), "deg", 1, "Degrees above the horizon."),
-    ("roll", (-180.0, 180.0), "deg", 1, "Degrees by which the lobe is turned about its direction."),
-    ("width", (0.1, 180.0), "deg", 2, "Full angle at half of the peak, across."),
-    ("height", (0.1, 180.0), "deg", 2, "Full angle at half of the peak, the other way."),
-    (
-        "intensity",
-        (-EXPOSURE_EV_MAX, EXPOSURE_EV_MAX),
-        "EV",
-        2,
-        "Stops of the peak from middle grey, 0.18. One stop more is twice the light.",
-    ),
+    _Field("azimuth", "deg", 1, (-180.0, 180.0), "Degrees around +Y: 0 at +Z, 90 at +X."),
+    _Field("elevation", "deg", 1, (-90.0, 90.0), "Degrees above the horizon."),
+    _Field("roll", "deg", 1, (-180.0, 180.0), "Degrees by which it is turned about its direction."),
+    _Field("width", "deg", 2, (0.1, 180.0), "Full angle at half of the peak, across."),
+    _Field("height", "deg", 2, (0.1, 180.0), "Full angle at half of the peak, the other way."),
+    _Field("intensity", "EV", 2, _STOPS, "Stops of the peak from middle grey, 0.18."),
 )
+
+_KEY_FIELDS = (
+    *_FIELDS[:3],
+    _Field("width", "deg", 2, (0.1, 130.0), "Full angle of the rectangle, across."),
+    _Field("height", "deg", 2, (0.1, 130.0), "Full angle of the rectangle, the other way."),
+    _Field("intensity", "EV", 2, _STOPS, "Stops of the rectangle from middle grey, 0.18."),
+)
+"""The same of keys."""
 
 
 def edit_controls(state: ViewerState) -> None:
@@ -40,23 +58,32 @@ def edit_controls(state: ViewerState) -> None:
     title = state.lobe_names[selected[0]] if selected else "No lobe selected"
     if len(selected) > 1:
         title += f" and {len(selected) - 1} more, which change alike"
+    _buttons(state)
     imgui.separator_text(title)
     if selected:
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(widgets.em(0.3), 1))
+        imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(widgets.em(0.3), 3))
         _controls(state, selected[0])
+        imgui.pop_style_var(2)
+
+
+def _buttons(state: ViewerState) -> None:
+    """Show what is done with the list and with all edits."""
     widgets.button(state, "Undo", "undo")
     imgui.same_line()
     widgets.button(state, "Redo", "redo")
     imgui.same_line()
+    place = "where the pointer was last in the map or on a ball"
+    kind = "square key" if state.history.are_keys else "lobe"
+    widgets.button(state, "Add a lobe at the pointer", "add", f"Add a {kind} {place}.")
+    imgui.same_line()
+    imgui.begin_disabled(not state.selected)
+    widgets.button(state, "Delete the selected lobe", "delete")
+    imgui.end_disabled()
+    imgui.same_line()
     imgui.begin_disabled(not state.history.is_changed)
     explanation = "Write the edits as a layer over the stage, which stays as it is."
     widgets.button(state, "Save the edits as a layer", "save layer...", explanation)
-    imgui.end_disabled()
-    imgui.same_line()
-    place = "where the pointer was last in the map or on a ball"
-    widgets.button(state, "Add a lobe at the pointer", "add", f"Add a lobe {place}.")
-    imgui.begin_disabled(not selected)
-    imgui.same_line()
-    widgets.button(state, "Delete the selected lobe", "delete")
     imgui.end_disabled()
 
 
@@ -81,8 +108,9 @@ def _scope(state: ViewerState) -> None:
 
 
 def _controls(state: ViewerState, lobe: int) -> None:
-    lamp = lamp_of(state.lobes[lobe])
-    fitted = lamp_of(state.fitted_lobe(lobe))
+    is_key = state.history.are_keys
+    lamp = lamp_of(state.lobes[lobe], is_key=is_key)
+    fitted = lamp_of(state.fitted_lobe(lobe), is_key=is_key)
     imgui.push_item_width(-widgets.em(6.5))
     _scope(state)
     is_black = not math.isfinite(lamp.intensity)
@@ -90,34 +118,42 @@ def _controls(state: ViewerState, lobe: int) -> None:
         imgui.text_disabled("It gives no light in this frame.")
     reaches = state.editing.reaches(state.moment)
     imgui.begin_disabled(is_black or state.playback.is_between or not reaches)
-    is_round = state.tracks.lobes.form is Form.SG
-    for field, limits, unit, decimals, explanation in _FIELDS:
-        if is_round and field in ("roll", "height"):
-            continue
-        changed, value = widgets.slider(
-            field,
-            getattr(lamp, field),
-            limits,
-            unit,
-            f"{explanation}\nRight click: as it was fitted",
-            decimals=decimals,
-        )
-        _live(state, changed, field, value)
-        if widgets.wants_reset():
-            _set(state, field, getattr(fitted, field))
-            state.editing.commit(state.history)
-        if field == "intensity":
-            _radiance(state, lamp)
-    _colour(state, lamp, fitted)
+    if imgui.collapsing_header("place and size", _OPEN):
+        _numbers(state, lamp, fitted, _KEY_FIELDS[:-1] if is_key else _FIELDS[:-1])
+    if imgui.collapsing_header("light and colour", _OPEN):
+        _numbers(state, lamp, fitted, _KEY_FIELDS[-1:] if is_key else _FIELDS[-1:])
+        _radiance(state, lamp)
+        _colour(state, lamp, fitted)
     imgui.end_disabled()
     imgui.pop_item_width()
+
+
+def _numbers(state: ViewerState, lamp: Lamp, fitted: Lamp, fields: Sequence[_Field]) -> None:
+    """Show numbers of a lobe as sliders."""
+    first = "cut" if state.history.are_keys else "fitted"
+    is_round = state.tracks.lobes.form is Form.SG
+    for field in fields:
+        if is_round and field.name in ("roll", "height"):
+            continue
+        changed, value = widgets.slider(
+            field.name,
+            getattr(lamp, field.name),
+            field.limits,
+            field.unit,
+            f"{field.explanation}\nRight click: as it was {first}",
+            decimals=field.decimals,
+        )
+        _live(state, changed, field.name, value)
+        if widgets.wants_reset():
+            _set(state, field.name, getattr(fitted, field.name))
+            state.editing.commit(state.history)
 
 
 def _radiance(state: ViewerState, lamp: Lamp) -> None:
     changed, value = imgui.input_float(
         "radiance", lamp.radiance, 0, 0, "%.4g", imgui.InputTextFlags_.enter_returns_true
     )
-    widgets.tooltip("The same as a number: luminance of the peak, linear. Type it and press Enter")
+    widgets.tooltip("The same as a number: luminance, linear. Type it and press Enter")
     if changed and value > 0:
         _set(state, "intensity", lamp.intensity + math.log2(value / lamp.radiance))
         state.editing.commit(state.history)

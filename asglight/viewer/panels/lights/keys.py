@@ -1,33 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the list says of a keyed stage under its keys: the rest, and the lobes that do not light."""
 
-from functools import lru_cache
-
-import numpy as np
 import torch
 from imgui_bundle import ImVec2, imgui
 
 from asglight.viewer.panels import widgets
-from asglight.viewer.reference.rest import flux_of
 from asglight.viewer.state import picking
-from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
 
 _TABLE = imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_stretch_prop
 
 ROWS_BESIDE = 4
 """Rows of the list below the keys, as high as those of lobes."""
-
-
-def rest_energy(state: ViewerState) -> float:
-    """Return the energy of the rest, as `picking.energies` counts that of keys."""
-    image = state.rest_image
-    return 0.0 if image is None else _energy(Held(image))
-
-
-@lru_cache(maxsize=2)
-def _energy(image: Held[np.ndarray]) -> float:
-    return float(picking.luminance(flux_of(image.value)))
 
 
 def beside_keys(state: ViewerState, total: float) -> None:
@@ -46,7 +30,7 @@ def beside_keys(state: ViewerState, total: float) -> None:
         imgui.table_next_column()
         imgui.text("images without the keys")
         imgui.table_next_column()
-        share = rest_energy(state) / total
+        share = state.rest_energy / total
         imgui.progress_bar(share, ImVec2(-1, imgui.get_font_size()), f"{100 * share:.1f} %")
         imgui.end_table()
     lobes = state.keyed.lobes

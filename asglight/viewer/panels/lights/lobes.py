@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 from asglight.lobes import LobeTracks
 from asglight.viewer.panels import widgets
 from asglight.viewer.panels.lights.controls import edit_controls
-from asglight.viewer.panels.lights.keys import ROWS_BESIDE, beside_keys, rest_energy
+from asglight.viewer.panels.lights.keys import ROWS_BESIDE, beside_keys
 from asglight.viewer.state import picking
 from asglight.viewer.state.commands import command
 from asglight.viewer.state.edits import acting
@@ -17,11 +17,14 @@ from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Renaming
 
-_CONTROLS_EM = 23.0
-"""Height of the controls below the list."""
+_ROW_EM = 1.2
+"""Height of a row: that of its letters, for many to be in view."""
 
-_LIST_EM = 9.0
-"""Height of the list at least; where both do not fit, the panel scrolls."""
+_LIST_EM = 6.0
+"""Height of the list at least; where list and controls do not fit, the panel scrolls."""
+
+_LIST_SHARE = 0.42
+"""Of the panel that a long list has at least, until its lower edge is dragged."""
 
 _TABLE = (
     imgui.TableFlags_.scroll_y | imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_stretch_prop
@@ -33,23 +36,37 @@ def lobes(state: ViewerState) -> None:
     if state.tracks.lobes.count == 0 and state.keyed is None:
         imgui.text_wrapped(_no_lobes(state))
         return
-    room = imgui.get_content_region_avail()
-    rows = _rows_height(state) + (0 if state.keyed is None else widgets.em(1.7) * ROWS_BESIDE)
-    height = max(min(rows, room.y - widgets.em(_CONTROLS_EM)), widgets.em(_LIST_EM))
-    imgui.begin_child("list", ImVec2(0, height))
+    room = imgui.get_window_height()
+    top = imgui.get_cursor_screen_pos().y
+    imgui.begin_child("list", ImVec2(0, _list_height(state, room)))
+    imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(widgets.em(0.25), 0))
     _list(state)
+    imgui.pop_style_var()
     imgui.end_child()
+    widgets.split(state.list_room, top, room)
+    below = imgui.get_cursor_pos_y()
     edit_controls(state)
+    state.list_room.controls = imgui.get_cursor_pos_y() - below
+
+
+def _list_height(state: ViewerState, room: float) -> float:
+    """Return the height of the list: what its edge was dragged to, else what it needs and may."""
+    least, share = widgets.em(_LIST_EM), state.list_room.share
+    if share is not None:
+        return max(share * room, least)
+    rows = _rows_height(state) + (0 if state.keyed is None else widgets.em(1.7) * ROWS_BESIDE)
+    left = room - state.list_room.controls - widgets.em(4.5)  # the panel's tab, the edge between
+    return max(min(rows, max(left, _LIST_SHARE * room)), least)
 
 
 def _rows_height(state: ViewerState) -> float:
-    return widgets.em(1.7) * (state.tracks.lobes.count + 1)
+    return widgets.em(_ROW_EM) * (len(state.history.present) + 1.5)
 
 
 def _list(state: ViewerState) -> None:
     energies = picking.energies(state.lobes)
     order = _listed(state)
-    light = float(energies[order].sum()) + rest_energy(state)
+    light = float(energies[order].sum()) + state.rest_energy
     total = max(light, 1e-30)  # 1e-30: a black frame has shares of 0
     kind = "lobe" if state.keyed is None else "key"
     room = ImVec2(0, 0 if state.keyed is None else _rows_height(state))

@@ -20,4 +20,6 @@ def titles(state: ViewerState) -> tuple[str, str, str]:
         reference = state.against.label(state.playback.time)
     else:
         reference += held
-    return fit if state.is_fitted else f"{fit}: not there yet", reference, truth
+    if not state.is_fitted:
+        fit += ": not there yet" if state.is_fitting else ": none of this frame"
+    return fit, reference, truth

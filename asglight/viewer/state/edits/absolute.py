@@ -3,7 +3,8 @@
 
 Azimuth is 0 at +Z and 90 at +X, elevation 90 at +Y. Roll is how far the lobe's x axis is turned
 from the horizontal about its direction. Width and height are full angles at half of the peak, along
-the x and the y axis. Intensity is in stops from middle grey, of the radiance at the peak.
+the x and the y axis; of a key they are those of its rectangle. Intensity is in stops from middle
+grey, of the radiance at the peak, or of the rectangle.
 
 An edit says by how much. So a value that is set for one frame is met there, and all other frames of
 the edit change alike: a lamp that moves goes on moving.
@@ -20,6 +21,7 @@ from asglight.lobes import Form, Lobes, asg
 from asglight.usd.lights.colour_temperature import temperature_of
 from asglight.viewer.state.balls import Rgb
 from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY
+from asglight.viewer.state.edits import rectangles
 from asglight.viewer.state.edits.edit import LOG2_MAX, TINT_MIN, Edit, Span
 from asglight.viewer.uniforms.outlines import half_angles
 
@@ -40,9 +42,11 @@ class Lamp:
         azimuth: Degrees around +Y.
         elevation: Degrees above the horizon.
         roll: Degrees about the direction.
-        width: Degrees at half of the peak along x; 180 where it does not fall so far.
+        width: Degrees at half of the peak along x, 180 where it does not fall so far; of a key
+            those of its rectangle.
         height: The same along y.
-        intensity: Stops of the peak's luminance from middle grey; -inf for black.
+        intensity: Stops of the peak's luminance from middle grey, or of the rectangle's; -inf for
+            black.
         colour: Linear RGB of luminance 1.
         kelvin: The nearest colour temperature.
         tint: Stops of green from that temperature's colour.
@@ -60,23 +64,26 @@ class Lamp:
 
     @property
     def radiance(self) -> float:
-        """Luminance of the peak."""
+        """Luminance of the peak, or of the rectangle."""
         return MIDDLE_GREY * 2.0**self.intensity
 
 
-def lamp_of(lobe: Lobes) -> Lamp:
-    """Return what a lobe is.
+def lamp_of(lobe: Lobes, *, is_key: bool = False) -> Lamp:
+    """Return what a lobe is, or a key.
 
     Args:
         lobe: One lobe.  [.]
+        is_key: Whether it is the lobe of a key's rectangle.
     """
     axes = lobe.axes.to("cpu", torch.float64).numpy()
     x, y, z = axes[2]
     elevation = math.degrees(math.atan2(y, math.hypot(x, z)))
-    right, up = _level(axes[2])
+    right, up = level(axes[2])
     roll = math.degrees(math.atan2(axes[0] @ up, axes[0] @ right))
-    width, height = np.degrees(2 * half_angles(lobe[None]).numpy()[0])
-    red, green, blue = (float(value) for value in lobe.amplitude)
+    halves = rectangles.half_angles(lobe) if is_key else half_angles(lobe[None])[0]
+    width, height = np.degrees(2 * halves.numpy())
+    gain = rectangles.gain(lobe) if is_key else 1.0
+    red, green, blue = (gain * float(value) for value in lobe.amplitude)
     luminance = float(np.dot(LUMINANCE, (red, green, blue)))
     colour: Rgb = (1.0, 1.0, 1.0)
     if luminance > 0:
@@ -95,7 +102,14 @@ def lamp_of(lobe: Lobes) -> Lamp:
     )
 
 
-def edit_of(lobe: Lobes, place: tuple[int, Span | None], field: str, value: float) -> Edit:
+def edit_of(
+    lobe: Lobes,
+    place: tuple[int, Span | None],
+    field: str,
+    value: float,
+    *,
+    is_key: bool = False,
+) -> Edit:
     """Return the edit that brings one value of a lobe to another.
 
     Args:
@@ -103,22 +117,26 @@ def edit_of(lobe: Lobes, place: tuple[int, Span | None], field: str, value: floa
         place: Index of the lobe, and where the edit holds; None for all frames.
         field: One of FIELDS.
         value: In the units of `Lamp`.
+        is_key: Whether it is the lobe of a key's rectangle.
     """
     index, span = place
-    lamp = lamp_of(lobe)
+    lamp = lamp_of(lobe, is_key=is_key)
     if field == "intensity":
         stops = value - lamp.intensity if math.isfinite(lamp.intensity) else 0.0
         stops = max(-LOG2_MAX, min(LOG2_MAX, stops))
         return Edit(index, span, gain_log2=(stops, stops, stops))
     if field in ("width", "height"):
         axis = int(field == "height")
+        if is_key:
+            powers, stops = rectangles.sized(lobe, axis, math.radians(value) / 2)
+            return Edit(index, span, sharpness_log2=powers, gain_log2=(stops, stops, stops))
         power = _power(lobe, axis, math.radians(value) / 2)
         powers = (power, power) if lobe.form is Form.SG else (power * (1 - axis), power * axis)
         return Edit(index, span, sharpness_log2=powers)
     axes = lobe.axes.to("cpu", torch.float64).numpy()
     around = {
         "azimuth": (np.array([0.0, 1.0, 0.0]), value - lamp.azimuth),
-        "elevation": (-_level(axes[2])[0], value - lamp.elevation),
+        "elevation": (-level(axes[2])[0], value - lamp.elevation),
         "roll": (axes[2], value - lamp.roll),
     }
     axis_of_turn, degrees = around[field]
@@ -143,7 +161,7 @@ def colour_edit(lobe: Lobes, place: tuple[int, Span | None], colour: Sequence[fl
     return Edit(*place, gain_log2=(red, green, blue))
 
 
-def _level(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def level(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the horizontal axis and the upward one at right angles to a direction.  [3] each.
 
     Straight up and down, where every axis is horizontal, it is +X.

@@ -3,11 +3,10 @@
 
 from collections.abc import Iterable, Sequence
 
+from asglight.viewer.state import picking
 from asglight.viewer.state.edits import editing
 from asglight.viewer.state.viewer_state import ViewerState, lobes_max
 from asglight.viewer.state.views import Renaming
-
-NO_KEYS_MADE = "Keys are found in images; they are neither added nor renamed here."
 
 
 def together_with(state: ViewerState, lobe: int) -> tuple[int, ...]:
@@ -27,26 +26,34 @@ def toggle_solo(state: ViewerState, lobes: Iterable[int]) -> None:
 
 
 def delete(state: ViewerState, lobes: tuple[int, ...]) -> None:
-    """Delete lobes; none of them is selected or alone any more."""
+    """Delete lobes; none of them is selected or alone any more.
+
+    Of keys it is said what the sum of keys and rest, which was the images, is without them.
+    """
+    if state.keyed is not None:
+        state.message = _without_keys(state, lobes)
     editing.delete(state.history, lobes)
     state.selection.solo -= set(lobes)
     state.select(None)
 
 
+def _without_keys(state: ViewerState, keys: tuple[int, ...]) -> str:
+    energies = picking.energies(state.lobes)
+    light = float(energies[list(state.history.present)].sum()) + state.rest_energy
+    names = ", ".join(state.lobe_names[key] for key in keys)
+    share = 100 * float(energies[list(keys)].sum()) / max(light, 1e-30)  # 1e-30: all is black
+    return f"Deleted {names}: {share:.1f} % of this frame's light is gone. The rest stays filled."
+
+
 def rename(state: ViewerState, lobe: int) -> None:
-    """Let a name be typed for a lobe, unless it is a key."""
-    if state.keyed is not None:
-        state.message = NO_KEYS_MADE
-    else:
-        state.renaming = Renaming(lobe, state.lobe_names[lobe])
+    """Let a name be typed for a lobe."""
+    state.renaming = Renaming(lobe, state.lobe_names[lobe])
 
 
 def add_lobe(state: ViewerState, direction: Sequence[float]) -> None:
     """Add a lobe and select it, unless there is no room or a fit still brings lobes."""
     if state.is_fitting:
         state.message = "Lobes can be added when the fit has ended."
-    elif state.keyed is not None:
-        state.message = NO_KEYS_MADE
     elif state.tracks.lobes.count >= lobes_max(state.tracks.lobes.form):
         state.message = f"No room: the viewer holds {state.tracks.lobes.count} lobes."
     else:

@@ -3,12 +3,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes, LobeTracks, asg, frames
 from asglight.lobes.data import first_unused, lobe_names
 from asglight.usd.write.checks import AMPLITUDE_MAX
+from asglight.viewer.state.edits.absolute import level
 from asglight.viewer.state.edits.edit import Add, Edit
 
 
@@ -57,7 +59,7 @@ def with_track(tracks: LobeTracks, lobe: int, track: Lobes) -> LobeTracks:
 
 
 def with_more(tracks: LobeTracks, add: Add) -> LobeTracks:
-    """Return tracks with one lobe more, the last, under a name that no other has.
+    """Return tracks with one lobe more, the last, upright and under a name that no other has.
 
     Raises:
         ValueError: The lobe would not be the last.
@@ -66,8 +68,8 @@ def with_more(tracks: LobeTracks, add: Add) -> LobeTracks:
         raise ValueError(f"lobe: {add.lobe} after {tracks.lobes.count}")
     old = tracks.lobes
     like = {"dtype": old.axes.dtype, "device": old.axes.device}
-    direction = torch.tensor(add.direction, dtype=torch.float64)
-    axes = frames.axes_around(direction).to(**like).expand(len(tracks.frames), 1, 3, 3)
+    upright = torch.from_numpy(np.stack([*level(np.array(add.direction)), add.direction]))
+    axes = upright.to(**like).expand(len(tracks.frames), 1, 3, 3)
     sharpness = torch.full((len(tracks.frames), 1, 2), add.sharpness, **like)
     amplitude = torch.tensor(add.amplitude, **like).expand(len(tracks.frames), 1, 3)
     lobes = Lobes(
@@ -76,7 +78,8 @@ def with_more(tracks: LobeTracks, add: Add) -> LobeTracks:
         torch.cat([old.amplitude, amplitude], dim=1),
         old.form,
     )
-    name = lobe_names(1, first_unused(tracks.names))
+    kind = "key" if add.is_key else "lobe"
+    name = lobe_names(1, first_unused(tracks.names, kind), kind)
     return replace(tracks, lobes=lobes, names=tracks.names + name)
 
 

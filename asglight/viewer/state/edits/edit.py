@@ -182,19 +182,21 @@ class Rename:
 
 @dataclass(frozen=True)
 class Add:
-    """A round lobe comes, the same in all frames.
+    """A round lobe comes, or a square key, the same in all frames.
 
     Attributes:
         lobe: Its index: the number of lobes before.
         direction: Unit vector.
         sharpness: Along both axes.
         amplitude: Linear RGB.
+        is_key: Whether it is a key, which is named as such.
     """
 
     lobe: int
     direction: tuple[float, float, float]
     sharpness: float
     amplitude: tuple[float, float, float]
+    is_key: bool = False
 
     @property
     def what(self) -> str:

@@ -5,6 +5,7 @@ An edit is made for the first of the selected lobes and taken by the others rela
 by the same angle, grows by the same factor, is tinted alike.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -13,6 +14,7 @@ from typing import NamedTuple
 import torch
 
 from asglight.lobes import Lobes
+from asglight.viewer.state.edits import rectangles
 from asglight.viewer.state.edits.absolute import colour_edit, edit_of, lamp_of
 from asglight.viewer.state.edits.edit import Add, Delete, Mute, Rename, Restore, Span, turn
 from asglight.viewer.state.edits.history import EditHistory
@@ -23,6 +25,9 @@ TURNS = ("azimuth", "elevation", "roll")
 ADDED_SHARPNESS = 40.0
 """Of a lobe that is added: 15 degrees wide at half of its peak, a lamp that is easily seen and
 taken hold of."""
+
+ADDED_KEY_DEG = 20.0
+"""Sides of a key that is added: a soft box of a metre at three metres."""
 
 SOFT_MAX = 100
 """Frames over which a range may come and go: four seconds."""
@@ -95,9 +100,9 @@ class Editing:
             field: One of absolute.FIELDS.
             value: In the units of `absolute.Lamp`.
         """
-        span, frame = self.span(moment), moment.frame
+        span, frame, is_key = self.span(moment), moment.frame, history.are_keys
         first, *others = lobes
-        edit = edit_of(_lobe(history, first, frame), (first, span), field, value)
+        edit = edit_of(_lobe(history, first, frame), (first, span), field, value, is_key=is_key)
         edits = [edit]
         for lobe in others:
             if field not in TURNS:
@@ -190,7 +195,7 @@ def rename(history: EditHistory, lobe: int, name: str) -> None:
 
 
 def add(history: EditHistory, frame: int, direction: Sequence[float]) -> int:
-    """Add a white lobe as bright as the median of those that light a frame.
+    """Add a white lobe, or a key, as bright as the median of those that light a frame.
 
     Args:
         history: Takes the edit.
@@ -201,13 +206,26 @@ def add(history: EditHistory, frame: int, direction: Sequence[float]) -> int:
         Its index.
     """
     history.commit()
-    lobe = history.tracks.lobes.count
-    peaks = history.tracks.lobes.amplitude[frame].amax(-1)  # [N]
+    every, lobe = history.tracks.lobes[frame], history.tracks.lobes.count
+    peaks = every.amplitude.amax(-1)  # [N]
+    if history.are_keys:
+        peaks = peaks * torch.tensor([rectangles.gain(every[n]) for n in range(lobe)])
     lit = peaks[peaks > 0]
-    radiance = float(torch.median(lit)) if len(lit) else 1.0
+    radiance, sharpness = float(torch.median(lit)) if len(lit) else 1.0, ADDED_SHARPNESS
+    if history.are_keys:
+        radiance, sharpness = _square(radiance)
     x, y, z = (float(value) for value in direction)
-    history.add(Add(lobe, (x, y, z), ADDED_SHARPNESS, (radiance, radiance, radiance)))
+    light = radiance, radiance, radiance
+    history.add(Add(lobe, (x, y, z), sharpness, light, history.are_keys))
     return lobe
+
+
+def _square(radiance: float) -> tuple[float, float]:
+    """Return amplitude and sharpness of the lobe of a new key of some radiance."""
+    ones = Lobes(torch.eye(3), torch.full((2,), ADDED_SHARPNESS), torch.ones(3))
+    angles = torch.full((2,), math.radians(ADDED_KEY_DEG) / 2)
+    square = rectangles.with_half_angles(ones, angles)
+    return radiance / rectangles.gain(square), float(square.sharpness[0])
 
 
 def _lobe(history: EditHistory, lobe: int, frame: int) -> Lobes:

@@ -50,20 +50,20 @@ class EditHistory:
 
     Attributes:
         original: The tracks before any edit.
+        are_keys: Whether they are keys, whose lobes stand for rectangles.
     """
 
     def __init__(
-        self,
-        original: LobeTracks,
-        muted: Iterable[int] = (),
+        self, original: LobeTracks, muted: Iterable[int] = (), *, are_keys: bool = False
     ) -> None:
         """Start without edits.
 
         Args:
             original: The tracks, muted lobes as they would light.
             muted: Indices of the lobes that are muted already.
+            are_keys: Whether they are keys.
         """
-        self.original = original
+        self.original, self.are_keys = original, are_keys
         labels = {
             index: original.display_names[name]
             for index, name in enumerate(original.names)
@@ -187,7 +187,7 @@ class EditHistory:
         Args:
             original: Tracks of the same frames, such as those that a fit has gone on with.
         """
-        moved = EditHistory(original, self._first.muted)
+        moved = EditHistory(original, self._first.muted, are_keys=self.are_keys)
         for done in self._done:
             moved.add(*moved.taken(done.step))
         moved.drag(*moved.taken(self._live))
