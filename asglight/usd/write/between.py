@@ -25,15 +25,8 @@ from asglight.lobes import Lobes, asg, frames, motion
 from asglight.usd.lights import cards
 from asglight.usd.lights.emission import intensity_and_color, tinted
 from asglight.usd.write.samples import DOT_MIN
-from asglight.usd.write.span_errors import (
-    FAINT,
-    CardSpans,
-    DiscSpans,
-    Flux,
-    LobeSpans,
-    Spans,
-    Together,
-)
+from asglight.usd.write.span_errors import FAINT, Flux, LobeSpans, Spans, Together
+from asglight.usd.write.span_lights import CardSpans, DiscSpans
 
 STEPS = 256
 """Samples lie at multiples of this part of a span. Sharpness and flux a thousand times as large

@@ -78,7 +78,6 @@ def write_usd(
         InputError: The tracks cannot be lights, an option is out of range, or nothing can be
             written there.
     """
-    path = Path(path)
     options = StageOptions(
         representations=tuple(representations),
         distance=distance,
@@ -90,6 +89,13 @@ def write_usd(
         distant_lights=distant_lights,
         card_texture=card_texture,
     )
+    return _write(tracks, Path(path), options, keys)
+
+
+def _write(
+    tracks: LobeTracks, path: Path, options: StageOptions, keys: KeySource | None
+) -> WriteReport:
+    """Check what `write_usd` is given, and write the stage."""
     check_stage_options(options)
     check_tracks(tracks)
     check_target(path, STAGE_SUFFIXES)

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far linear interpolation strays from cards and discs of lobes in motion (span_errors.py).
+
+Symbols: S spans, Q probes, K even steps, C cards.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from asglight.usd.lights import cards, distant
+from asglight.usd.lights.emission import intensity_and_color
+from asglight.usd.write.span_errors import MARGIN, TURN_DEG, Flux, Times, through, total, worst
+
+
+@dataclass(frozen=True)
+class CardSpans:
+    """Spans of cards that have one radiance, such as `tall` and `wide`.
+
+    Attributes:
+        flux: Theirs together.
+        squares: Logarithms of their mean x^2 and y^2, at even steps.  [S, K, C, 2]
+        ratios: What gives their sizes from these (`cards.extent_of`), likewise; for cards with the
+            texture, their sizes.  [S, K, C, .]
+        is_textured: Whether they have the texture.
+    """
+
+    flux: Flux
+    squares: Tensor
+    ratios: Tensor
+    is_textured: bool = False
+
+    @classmethod
+    def of(
+        cls, flux: Flux, squares: Tensor, pieces: Sequence[cards.Piece], *, is_textured: bool
+    ) -> Self:
+        """Take the mean squares of lobes at even steps.  [S, K, 2]."""
+        relative = squares.new_tensor([piece.squares for piece in pieces])
+        own = squares[:, :, None] * relative  # [S, K, C, 2]
+        extents = cards.extent(own, is_textured=is_textured)
+        ratios = extents.log() if is_textured else cards.ratio_of(extents)[..., None]
+        return cls(flux, own.log(), ratios, is_textured)
+
+    def at(self, index: Tensor) -> Self:
+        """Pick spans."""
+        return replace(
+            self,
+            flux=self.flux.at(index),
+            squares=self.squares[index],
+            ratios=self.ratios[index],
+        )
+
+    def error(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return the largest error of any card."""
+        times = Times.of(before, after)
+        now, first, last = (self._sizes(time) for time in (times.now, times.before, times.after))
+        light = self._light(times.now, now)
+        (dim, dim_tint), (lit, lit_tint) = (
+            intensity_and_color(self._light(time, sizes))
+            for time, sizes in ((times.before, first), (times.after, last))
+        )
+        shown = times.lerp(dim, lit)[..., None] * times.lerp(dim_tint, lit_tint)
+        size = times.lerp(first, last)  # [S, Q, C, 2]
+        solid, true_solid = cards.solid_angle(size), cards.solid_angle(now)
+        shown, light = shown[:, :, None], light[:, :, None]
+        flux, true = shown * solid[..., None], light * true_solid[..., None]
+        common = cards.solid_angle(torch.minimum(size, now))
+        radiance = _apart(shown, flux, light, true, common)  # of a Gaussian it is less
+        over = self.flux.scale(times.now) / total(self.flux.when(times.now))
+        scale = total(true) * over[..., None]
+        return worst(*(one.flatten(1) for one in (total(flux - true), radiance, scale)))
+
+    def _sizes(self, time: Tensor) -> Tensor:
+        """Return half width and half height of the cards at distance 1.  [S, Q, C, 2]."""
+        ratios = through(self.ratios, time)
+        if self.is_textured:
+            return ratios.exp()
+        return cards.extent_of(through(self.squares, time).exp(), ratios)
+
+    def _light(self, time: Tensor, sizes: Tensor) -> Tensor:
+        """Return the radiance.  [S, Q, 3]."""
+        whole = cards.solid_angle(sizes).sum(-1)
+        return self.flux.when(time) / whole[..., None]
+
+
+@dataclass(frozen=True)
+class DiscSpans:
+    """Spans of a lobe's distant lights: one disc, or three in a row.
+
+    Attributes:
+        flux: The lobe's.
+        facing: Logarithm of the irradiance on a patch that faces it, over the flux, at even
+            steps.  [S, K]
+        squares: Logarithms of its mean x^2 and y^2.  [S, K, 2]
+        is_three: Whether they are three.
+    """
+
+    flux: Flux
+    facing: Tensor
+    squares: Tensor
+    is_three: bool
+
+    def at(self, index: Tensor) -> Self:
+        """Pick spans."""
+        return replace(
+            self,
+            flux=self.flux.at(index),
+            facing=self.facing[index],
+            squares=self.squares[index],
+        )
+
+    def error(self, before: Tensor, after: Tensor) -> Tensor:
+        """Return the largest error of any disc."""
+        times = Times.of(before, after)
+        (true_radius, tilt), *ends = (self._discs(time) for time in times)
+        radius, tilted = (times.lerp(first, last) for first, last in zip(*ends, strict=True))
+        wanted = self._light(times.now, tilt)
+        (dim, dim_tint), (lit, lit_tint) = (
+            intensity_and_color(self._light(time, end[1]))
+            for time, end in zip((times.before, times.after), ends, strict=True)
+        )
+        irradiance = times.lerp(dim, lit)[..., None] * times.lerp(dim_tint, lit_tint)
+        shown = irradiance / (torch.pi * radius.sin().square())[..., None]
+        light = wanted / (torch.pi * true_radius.sin().square())[..., None]
+        solid, true_solid = _cap(radius), _cap(true_radius)
+        flux, true = shown * solid[..., None], light * true_solid[..., None]
+        radiance = _apart(shown, flux, light, true, torch.minimum(solid, true_solid))
+        over = self.flux.scale(times.now) / total(self.flux.when(times.now))
+        scale = total(true) * over
+        moved = (tilted - tilt).norm(dim=-1)
+        # of two discs side by side, 4 d / (pi r) of the area lies outside the other, d apart
+        aside = 2 * distant.OUTER * 4 * moved / (torch.pi * true_radius)
+        radiance = radiance + aside * total(true)
+        turned = torch.rad2deg(moved).amax(-1) / (MARGIN * TURN_DEG)
+        return torch.maximum(worst(total(flux - true), radiance, scale), turned)
+
+    def _light(self, time: Tensor, tilt: Tensor) -> Tensor:
+        """Return the irradiance of the discs, up to a constant.  [S, Q, 3]."""
+        whole = (1 - 2 * distant.OUTER) + 2 * distant.OUTER * tilt.norm(dim=-1).cos()
+        return self.flux.when(time) * (through(self.facing, time).exp() / whole)[..., None]
+
+    def _discs(self, time: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the radius of the discs [S, Q], and the way to the outer ones [S, Q, 2]."""
+        squares = through(self.squares, time).exp()
+        if not self.is_three:
+            return distant.disc_radius(squares.sum(-1)), torch.zeros_like(squares)
+        spread = distant.Spread.of(squares)
+        along_x = spread.along_x[..., None] == torch.tensor([True, False])
+        return spread.radius, torch.where(along_x, spread.tilt[..., None], 0.0)
+
+
+def _apart(shown: Tensor, flux: Tensor, light: Tensor, wanted: Tensor, common: Tensor) -> Tensor:
+    """Return the integral of the difference of two even lights about one centre.
+
+    Args:
+        shown: Radiance of the one.  [S, Q, 3]
+        flux: Its flux.  [S, Q, 3]
+        light: Radiance of the other.  [S, Q, 3]
+        wanted: Its flux.  [S, Q, 3]
+        common: Solid angle that both shine from.  [S, Q]
+    """
+    both = common[..., None]
+    beyond = (flux - shown * both) + (wanted - light * both)
+    return total((shown - light).abs() * both + beyond.clamp(min=0))
+
+
+def _cap(radius: Tensor) -> Tensor:
+    """Return the solid angle of discs."""
+    return 4 * torch.pi * (radius / 2).sin().square()
