@@ -17,7 +17,7 @@ from asglight.sphere import latlong
 from asglight.usd import lint_stage, read_keys, write_key_edits
 from asglight.usd.options import KeyLights
 
-judge = module("keyed.measure")
+judge = module("keyed.seen")
 
 # a quarter turn about +Y and half a turn about +X make (x, y, z) (-z, -y, -x)
 TURN = torch.tensor([[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]])
