@@ -47,6 +47,23 @@ def side_by_side(calls: Iterable[Callable[[], Found]], threads: int) -> Iterator
         for call in calls:
             yield call()
         return
+    with beside(calls, threads) as answers:
+        yield from answers()
+
+
+@contextlib.contextmanager
+def beside(
+    calls: Iterable[Callable[[], Found]], threads: int = 1
+) -> Iterator[Callable[[], Iterator[Found]]]:
+    """Run calls in threads of their own while the caller works on something else.
+
+    Args:
+        calls: As of `side_by_side`. Those that wait at the end are never begun.
+        threads: How many.
+
+    Yields:
+        What waits for the calls, and yields what each returns, in their order.
+    """
     records = not torch.is_inference_mode_enabled()
 
     def run(call: Callable[[], Found]) -> Found:
@@ -55,7 +72,7 @@ def side_by_side(calls: Iterable[Callable[[], Found]], threads: int) -> Iterator
 
     pool = ThreadPoolExecutor(threads)
     try:
-        for running in [pool.submit(run, call) for call in calls]:
-            yield running.result()
+        running = [pool.submit(run, call) for call in calls]
+        yield lambda: (one.result() for one in running)
     finally:
         pool.shutdown(cancel_futures=True)

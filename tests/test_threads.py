@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 import torch
 
-from asglight.threads import one_thread, side_by_side, threads_there
+from asglight.threads import beside, one_thread, side_by_side, threads_there
 
 
 @pytest.fixture(autouse=True)
@@ -76,3 +76,29 @@ def test_what_a_call_raises_reaches_the_caller() -> None:
     for threads in (1, 2):
         with pytest.raises(KeyError):
             list(side_by_side([call], threads))
+
+
+def test_calls_beside_run_while_the_caller_works_and_are_answered_when_it_asks() -> None:
+    working = threading.Event()
+
+    def call(number: int) -> int:
+        assert working.wait(60)  # which the caller sets once they are begun
+        return number
+
+    with beside([partial(call, number) for number in range(3)]) as answers:
+        working.set()
+        assert list(answers()) == [0, 1, 2]
+
+
+def test_calls_beside_that_wait_at_the_end_are_not_begun() -> None:
+    begun: list[int] = []
+    wanted = threading.Event()
+
+    def call(number: int) -> None:
+        begun.append(number)
+        wanted.wait(60)
+
+    threading.Timer(0.2, wanted.set).start()
+    with pytest.raises(KeyError), beside([partial(call, number) for number in range(3)]):
+        raise KeyError
+    assert 2 not in begun

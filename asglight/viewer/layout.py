@@ -18,7 +18,7 @@ _LOBES_SHARE = 0.66
 _STACKED_EM = 50.0
 """Height from which lobes stand below the look; in less room both are tabs of one place."""
 
-_INSPECTOR_EM = 10.0
+_INSPECTOR_EM = 10.8
 """Height of the inspector: its tab, its buttons and five lines."""
 
 

@@ -80,7 +80,7 @@ def dome_row(tracks: LobeTracks, path: Path) -> str:
     """Write some of the dome's images."""
     few = LobeTracks(tracks.frames[:IMAGES], tracks.fps, tracks.lobes[:IMAGES])
     start = time.process_time()
-    images = staging.write_dome(few, path, StageOptions().dome_height, Space())
+    images = staging.dome_images(few, path, StageOptions().dome_height, Space()).write()
     seconds = (time.process_time() - start) / len(images)
     size = sum(image.stat().st_size for image in images) / len(images)
     return f"dome: {size / 1000:.0f} kB and {1000 * seconds:.0f} ms an image"

@@ -6,8 +6,8 @@ finite and sensible values, light units, image paths. Run UsdValidation as well 
 finding names the prim or, with its variant, the attribute: `/AsgRig{representation=cards}Lobes/...`
 """
 
-import math
-from collections.abc import Iterator
+import sys
+from collections.abc import Container, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux
 from asglight.images.decoding.decode import read_header
 from asglight.images.decoding.strips import read_pixels
 from asglight.usd import schema
+from asglight.usd.check.limits import number_findings
 from asglight.usd.check.references import may_open
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_of
@@ -33,28 +34,16 @@ from asglight.usd.stage import (
     shown_representation,
 )
 
-LIMITS = {
-    schema.COLOR: (0.0, 1.0),
-    schema.INTENSITY: (0.0, math.inf),
-    schema.WIDTH: (0.0, math.inf),
-    schema.HEIGHT: (0.0, math.inf),
-    schema.ANGLE: (0.0, 180.0),
-    schema.SHARPNESS: (0.0, math.inf),
-    schema.AMPLITUDE: (0.0, math.inf),
-}
-"""Lowest and highest value of each component. Beyond 180 degrees a normalised distant light no
-longer gives the irradiance that its intensity says."""
-
-
 TEXTURE_MEAN = 1e-3
 """Of the mean of a card's texture. The rounding of its half floats is 2e-4 and evens out."""
 
 
-def lint_stage(path: str | Path) -> list[str]:
+def lint_stage(path: str | Path, known: Container[Sdf.Path] = ()) -> list[str]:
     """Check a stage against the contract that asglight's own stages keep.
 
     Args:
         path: The stage.
+        known: Attributes whose numbers were checked as they were authored.
 
     Returns:
         Findings, one line each: `<prim or attribute>: <what was found>; expected <what>`.
@@ -86,8 +75,9 @@ def lint_stage(path: str | Path) -> list[str]:
                 place = attribute.GetPropertyStack()[0].path
                 if place not in seen:
                     seen.add(place)
-                    times.update(attribute.GetTimeSamples())
-                    findings += [f"{place}: {text}" for text in _attribute_findings(attribute)]
+                    times.update(_ends(attribute))
+                    found = _attribute_findings(attribute, are_known=place in known)
+                    findings += [f"{place}: {text}" for text in found]
     return findings + list(_range_findings(stage, times))
 
 
@@ -154,12 +144,18 @@ def _representation_findings(rig: Usd.Prim, representation: Representation) -> I
             yield f"{prim.GetPath()}: no light in {representation}; expected a {expected}"
 
 
-def _attribute_findings(attribute: Usd.Attribute) -> Iterator[str]:
+def _ends(attribute: Usd.Attribute) -> set[float]:
+    """Return the times of the first and the last sample; none without samples."""
+    far = sys.float_info.max
+    ends = (attribute.GetBracketingTimeSamples(time) for time in (-far, far))
+    return {time for pair in ends for time in pair}
+
+
+def _attribute_findings(attribute: Usd.Attribute, *, are_known: bool) -> Iterator[str]:
     name = attribute.GetName()
-    times = attribute.GetTimeSamples()
     default = attribute.Get()
     source = attribute.GetResolveInfo(Usd.TimeCode.Default()).GetSource()
-    if times and source != Usd.ResolveInfoSourceDefault:
+    if attribute.GetNumTimeSamples() and source != Usd.ResolveInfoSourceDefault:
         yield "time samples without a default; expected both"
     if name == schema.OP_ORDER:
         yield from _transform_findings(attribute)
@@ -172,11 +168,12 @@ def _attribute_findings(attribute: Usd.Attribute) -> Iterator[str]:
     elif name == schema.TEXTURE_FORMAT and default != "latlong":
         yield f"is {default!r}; expected 'latlong'"
     elif attribute.GetTypeName() == Sdf.ValueTypeNames.Asset:
+        times = attribute.GetTimeSamples()
         yield from _asset_findings(attribute, times)
         is_key = attribute.GetPrim().GetParent().GetName() == schema.KEYS
         if attribute.GetPrim().GetTypeName() == schema.LIGHT_TYPES[Representation.CARDS]:
             yield from _texture_findings(attribute, [] if is_key else times)
-    elif schema.VALUE_TYPES.get(name) == attribute.GetTypeName():
+    elif schema.VALUE_TYPES.get(name) == attribute.GetTypeName() and not are_known:
         yield from _number_findings(attribute)
 
 
@@ -252,10 +249,4 @@ def _number_findings(attribute: Usd.Attribute) -> Iterator[str]:
     ):
         return
     present = sampled_values(attribute)
-    rows = numbers(present, kind)
-    low, high = LIMITS.get(attribute.GetName(), (-math.inf, math.inf))
-    finite = np.isfinite(rows).all(-1)
-    inside = (rows >= low).all(-1) & (rows <= high).all(-1)
-    for good, expected in ((finite, "finite numbers"), (inside | ~finite, f"{low:g} to {high:g}")):
-        if not good.all():
-            yield f"is {present[int(np.flatnonzero(~good)[0])]}; expected {expected}"
+    yield from number_findings(attribute.GetName(), numbers(present, kind), present)

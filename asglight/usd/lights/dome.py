@@ -3,7 +3,7 @@
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -17,23 +17,38 @@ from asglight.usd.lights.dome_texels import images
 from asglight.usd.spaces import Space, to_stage
 
 
-def write_textures(
-    tracks: LobeTracks, folder: Path, stem: str, height: int, space: Space
-) -> list[Path]:
-    """Write the dome's images; tracks that never change get one.
+@dataclass(frozen=True)
+class Textures:
+    """The images of a dome.
+
+    Attributes:
+        files: One for each frame, or one.
+        writing: What writes each; its folder must exist.
+    """
+
+    files: list[Path]
+    writing: list[Callable[[], None]]
+
+    def write(self) -> list[Path]:
+        """Write them, as many at once as there are threads, and return the files.
+
+        Raises:
+            InputError: A file cannot be written.
+        """
+        with one_thread():
+            deque(side_by_side(self.writing, threads_there()), maxlen=0)
+        return self.files
+
+
+def textures(tracks: LobeTracks, folder: Path, stem: str, height: int, space: Space) -> Textures:
+    """Return the dome's images, which nothing has written yet; tracks that never change have one.
 
     Args:
         tracks: Lobes of all frames.
-        folder: An existing folder.
+        folder: Of the files.
         stem: Files are named `<stem>.<frame>.exr`.
         height: Rows; there are twice as many columns.
         space: Of the stage's colours, which the images' headers state too.
-
-    Returns:
-        The files: one for each frame, or one.
-
-    Raises:
-        InputError: A file cannot be written.
     """
     count = 1 if is_static(tracks.lobes) else len(tracks.frames)
     paths = [folder / f"{stem}.{frame:04d}.exr" for frame in tracks.frames[:count]]
@@ -45,9 +60,7 @@ def write_textures(
 
     lobes = to_stage(tracks.lobes[:count].to("cpu"), colors)
     calls = [partial(write, *one) for one in zip(paths, images(lobes, height), strict=True)]
-    with one_thread():
-        deque(side_by_side(calls, threads_there()), maxlen=0)
-    return paths
+    return Textures(paths, calls)
 
 
 def is_static(lobes: Lobes) -> bool:

@@ -16,6 +16,7 @@ hold narrower lobes, and what interpolation makes of them has the lobes' own sec
 Rows next to a pole count as all others; a renderer has no texel beyond them.
 """
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -57,7 +58,7 @@ class _Part:
 
     Attributes:
         lobes: Narrowed, in float64.  [K, .]
-        frame: Which frame each belongs to.  [K]
+        frame: Which frame each belongs to, ascending.  [K]
         is_shared: They are cut into points; the others are taken at the texel centres.
     """
 
@@ -94,8 +95,8 @@ def images(lobes: Lobes, height: int) -> list[Callable[[], Tensor]]:
         lobes.amplitude.flatten(0, 1),
         lobes.form,
     ).to("cpu", torch.float64)
-    parts = _parts(flattened, frame, math.pi / height)
-    return [partial(_image, [_of_frame(part, k) for part in parts], height) for k in range(count)]
+    by_frame = [_by_frame(part, count) for part in _parts(flattened, frame, math.pi / height)]
+    return [partial(_image, list(parts), height) for parts in zip(*by_frame, strict=True)]
 
 
 def _parts(lobes: Lobes, frame: Tensor, texel: float) -> list[_Part]:
@@ -113,9 +114,13 @@ def _parts(lobes: Lobes, frame: Tensor, texel: float) -> list[_Part]:
     return [sampled, _Part(points, frame[small], is_shared=True)]
 
 
-def _of_frame(part: _Part, frame: int) -> _Part:
-    own = part.frame == frame
-    return replace(part, lobes=part.lobes.select(own), frame=part.frame[own])
+def _by_frame(part: _Part, count: int) -> list[_Part]:
+    """Return what each of so many frames has of a part; its lobes are in the order of frames."""
+    ends = torch.searchsorted(part.frame, torch.arange(count + 1)).tolist()
+    return [
+        replace(part, lobes=part.lobes[first:end], frame=part.frame[first:end])
+        for first, end in itertools.pairwise(ends)
+    ]
 
 
 def _image(parts: list[_Part], height: int) -> Tensor:
@@ -179,7 +184,8 @@ def _samples(lobes: Lobes, height: int) -> Tensor:
         near = (first < bottom) & (last >= top)
         if bool(near.any()):
             texels_of_rows = slice(top * width, bottom * width)
-            image[texels_of_rows] = _values(lobes.select(near), centres[:, texels_of_rows])
+            chosen = lobes if bool(near.all()) else lobes.select(near)
+            image[texels_of_rows] = _values(chosen, centres[:, texels_of_rows])
     return image.view(height, width, 3)
 
 

@@ -21,6 +21,7 @@ from pxr import Sdf, Vt
 from torch import Tensor
 
 from asglight.usd import schema
+from asglight.usd.check.limits import number_findings
 from asglight.usd.write import samples
 
 
@@ -32,6 +33,8 @@ class TrackAuthor:
         written: Time samples authored.
         between: How many of them lie between frames.
         left_out: Frames without a sample: interpolation or a constant default reproduces them.
+        checked: Attributes whose numbers were looked at.
+        findings: Numbers that no light can have, a line each as of the lint.
     """
 
     def __init__(self, frames: tuple[int, ...]) -> None:
@@ -40,6 +43,8 @@ class TrackAuthor:
         self.written = 0
         self.between = 0
         self.left_out = 0
+        self.checked: set[Sdf.Path] = set()
+        self.findings: list[str] = []
         self._authored: dict[
             tuple[str, float, bytes, bytes], tuple[Sdf.Path, NDArray[np.bool_]]
         ] = {}
@@ -67,14 +72,17 @@ class TrackAuthor:
         rounded = values.to(torch.float32).numpy()
         kind = schema.VALUE_TYPES[name]
         key = str(kind), tolerance, rounded.tobytes(), times.tobytes()
+        place = prim.path.AppendProperty(name)
+        self.findings += [f"{place}: {text}" for text in number_findings(name, rounded, rounded)]
+        self.checked.add(place)
         same = self._authored.get(key)
         if same is None:
             keep = _needed(rounded, kind, tolerance, times)
             self._author(prim, name, _to_gf(rounded, kind), keep, times)
-            self._authored[key] = prim.path.AppendProperty(name), keep
+            self._authored[key] = place, keep
         else:
             path, keep = same
-            Sdf.CopySpec(prim.layer, path, prim.layer, prim.path.AppendProperty(name))
+            Sdf.CopySpec(prim.layer, path, prim.layer, place)
             self._count(keep, times)
         return np.concatenate([rounded[:1], rounded[keep]])
 

@@ -14,6 +14,7 @@ Symbols: F frames, N lobes, S spans, M samples between frames, T samples of a lo
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -59,12 +60,10 @@ class Sampled:
     Attributes:
         times: In frame numbers, ascending.  [T]
         lobes: [T, 1, .]
-        moments: Theirs.  [T, 1, .]
     """
 
     times: Array
     lobes: Lobes
-    moments: asg.Moments
 
 
 class Shot:
@@ -96,8 +95,8 @@ class Shot:
     def of_lobes(self) -> list[Sampled]:
         """Return each lobe with the samples that its own attributes need.  N."""
         inserted = [
-            _needed(spans, LobeSpans.of(self._flux(spans), lobes, moments.zeroth))
-            for spans, lobes, moments in self._spans(self._bent)
+            _needed(one.where, LobeSpans.of(self._flux(one.where), one.lobes, one.moments.zeroth))
+            for one in self._bent_spans
         ]
         # where rounding would decide which way is the shorter, the middle says it
         turns = frames.quaternion_from_axes(self._lobes.axes)
@@ -115,14 +114,17 @@ class Shot:
         inserted = []
         for kind, levels in cards.LEVELS.items():
             mine = torch.tensor([one is kind for one in kinds], dtype=torch.bool)
-            for spans, _, moments in self._spans(self._bent & mine) if levels else ():
-                squares, flux = cards.mean_squares(moments), self._flux(spans)
+            for found in self._bent_spans if levels else ():
+                own = found.at(mine[found.where.lobe])
+                if not len(own.where.place):
+                    continue
+                squares, flux = cards.mean_squares(own.moments), self._flux(own.where)
                 is_textured = kind is cards.Kind.TEXTURED
                 of_kind = [
                     CardSpans.of(flux.part(share), squares, pieces, is_textured=is_textured)
                     for share, pieces in levels
                 ]
-                inserted.append(_needed(spans, Together(of_kind)))
+                inserted.append(_needed(own.where, Together(of_kind)))
         return self._of_lights(inserted)
 
     def of_distant(self, threefold: Sequence[bool]) -> list[Sampled]:
@@ -134,12 +136,12 @@ class Shot:
         inserted = []
         three = torch.tensor(list(threefold), dtype=torch.bool)
         for is_three, needed in ((False, self._bent & ~three), (True, self._reshaped & three)):
-            for spans, lobes, moments in self._spans(needed):
-                unit = replace(lobes, amplitude=torch.ones_like(lobes.amplitude))
-                facing = asg.facing_irradiance(unit, moments)[..., 0] / moments.zeroth
-                squares = cards.mean_squares(moments)
-                discs = DiscSpans(self._flux(spans), facing.log(), squares.log(), is_three)
-                inserted.append(_needed(spans, discs))
+            for one in self._spans(needed):
+                unit = replace(one.lobes, amplitude=torch.ones_like(one.lobes.amplitude))
+                facing = asg.facing_irradiance(unit, one.moments)[..., 0] / one.moments.zeroth
+                squares = cards.mean_squares(one.moments)
+                discs = DiscSpans.of(self._flux(one.where), facing, squares, is_three=is_three)
+                inserted.append(_needed(one.where, discs))
         return self._of_lights(inserted)
 
     def _flux(self, spans: "_Where") -> Flux:
@@ -151,8 +153,12 @@ class Shot:
         faint = torch.stack([self._faint[spans.place], self._faint[spans.place + 1]], -1)
         return Flux(first, last, faint)
 
-    def _spans(self, marks: Tensor) -> Iterator[tuple["_Where", Lobes, asg.Moments]]:
-        """Yield marked spans by size, with lobes and moments at even steps.  [S, K, .]."""
+    @cached_property
+    def _bent_spans(self) -> list["_Steps"]:
+        return list(self._spans(self._bent))
+
+    def _spans(self, marks: Tensor) -> Iterator["_Steps"]:
+        """Yield marked spans by size, with lobes and moments at even steps."""
         for is_large, count in ((False, 3), (True, 5)):
             spans = _Where.of(marks & (self._large == is_large))
             if not len(spans.place):
@@ -177,7 +183,7 @@ class Shot:
                     for whole, mid in zip(self._moments, inner, strict=True)
                 )
             )
-            yield spans, lobes, moments
+            yield _Steps(spans, lobes, moments)
 
     def _beside_black(self) -> Tensor:
         """Mark spans whose black end has another sharpness than the light.
@@ -215,8 +221,6 @@ class Shot:
         moved = motion.between(
             self._lobes[span, which], self._lobes[span + 1, which], torch.from_numpy(part)
         )
-        moments = asg.moments(lobes) if lobes is not self._lobes else self._moments
-        of_moved = asg.moments(moved)
         times = self._numbers[place] + part * (self._numbers[place + 1] - self._numbers[place])
         bounds = np.searchsorted(lobe, np.arange(lobes.count + 1))
         found = []
@@ -241,8 +245,7 @@ class Shot:
                 merged(lobes.amplitude, moved.amplitude),
                 lobes.form,
             )
-            whole = asg.Moments(*map(merged, moments, of_moved))
-            found.append(Sampled(np.sort(every), joined, whole))
+            found.append(Sampled(np.sort(every), joined))
         return found
 
 
@@ -264,9 +267,33 @@ class _Where:
         place, lobe = torch.nonzero(marks, as_tuple=True)
         return cls(place, lobe)
 
+    def at(self, index: Tensor) -> "_Where":
+        """Pick spans."""
+        return _Where(self.place[index], self.lobe[index])
+
     def pick(self, values: Tensor, step: int) -> Tensor:
         """Pick values of the frame before, or one step after it.  [F, N, ...] -> [S, ...]."""
         return values[self.place + step, self.lobe]
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Lobes of spans at even steps from frame to frame.
+
+    Attributes:
+        where: Which spans.  S
+        lobes: [S, K, .]
+        moments: Theirs.  [S, K, .]
+    """
+
+    where: _Where
+    lobes: Lobes
+    moments: asg.Moments
+
+    def at(self, index: Tensor) -> "_Steps":
+        """Pick spans."""
+        moments = asg.Moments(*(one[index] for one in self.moments))
+        return _Steps(self.where.at(index), self.lobes[index], moments)
 
 
 class _Inserted(NamedTuple):

@@ -17,7 +17,7 @@ Symbols: S spans, Q probes, K even steps.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple, Protocol, Self
+from typing import Protocol, Self
 
 import torch
 from torch import Tensor
@@ -42,30 +42,31 @@ PROBES = (0.25, 0.5, 0.75)
 """Of the way between two samples: errors are 0 at both and, where they matter, of second order."""
 
 
-class Times(NamedTuple):
-    """When errors are probed, in shares of the span.
+def times_between(before: Tensor, after: Tensor) -> Tensor:
+    """Return when two samples are looked at: before, at the probes, after.  [S] -> [S, 1 + Q + 1].
 
-    Attributes:
-        now: The probes.  [S, Q]
-        before: The sample before them.  [S, 1]
-        after: The sample after them.  [S, 1]
+    Args:
+        before: The one sample, in shares of the span.  [S]
+        after: The other.  [S]
     """
+    first, last = before[:, None], after[:, None]
+    return torch.cat([first, lerp(first, last), last], 1)
 
-    now: Tensor
-    before: Tensor
-    after: Tensor
 
-    @classmethod
-    def of(cls, before: Tensor, after: Tensor) -> Self:
-        """Return the probes between two samples.  [S]."""
-        first, last = before[:, None], after[:, None]
-        return cls(first + torch.tensor(PROBES, dtype=first.dtype) * (last - first), first, last)
+def at_ends(values: Tensor) -> tuple[Tensor, Tensor]:
+    """Return what is at the two samples.  [S, 1 + Q + 1, ...] -> [S, 1, ...] twice."""
+    return values[:, :1], values[:, -1:]
 
-    @staticmethod
-    def lerp(before: Tensor, after: Tensor) -> Tensor:
-        """Interpolate as a program does.  [S, 1] or [S, 1, K] -> [S, Q] or [S, Q, K]."""
-        share = torch.tensor(PROBES, dtype=before.dtype).reshape(-1, *[1] * (before.ndim - 2))
-        return before + share * (after - before)
+
+def at_probes(values: Tensor) -> Tensor:
+    """Return what is at the probes.  [S, 1 + Q + 1, ...] -> [S, Q, ...]."""
+    return values[:, 1:-1]
+
+
+def lerp(before: Tensor, after: Tensor) -> Tensor:
+    """Interpolate as a program does.  [S, 1, ...] -> [S, Q, ...]."""
+    share = torch.tensor(PROBES, dtype=before.dtype).reshape(-1, *[1] * (before.ndim - 2))
+    return before + share * (after - before)
 
 
 class Spans(Protocol):
@@ -130,10 +131,18 @@ class Flux:
         first, last = self.first[:, None], self.last[:, None]
         return first + time[..., None] * (last - first)
 
-    def scale(self, time: Tensor) -> Tensor:
-        """Return what errors are relative to.  [S, Q]."""
+    def scale(self, time: Tensor, whole: Tensor) -> Tensor:
+        """Return what errors are relative to.
+
+        Args:
+            time: In shares of the span.  [S, Q]
+            whole: The flux then, the channels together.  [S, Q]
+
+        Returns:
+            [S, Q]
+        """
         first, last = self.faint[:, :1], self.faint[:, 1:]
-        return torch.maximum(total(self.when(time)), first + time * (last - first))
+        return torch.maximum(whole, first + time * (last - first))
 
 
 def worst(flux: Tensor, radiance: Tensor, scale: Tensor) -> Tensor:
@@ -148,22 +157,32 @@ def total(light: Tensor) -> Tensor:
     return red + green + blue
 
 
-def through(nodes: Tensor, time: Tensor) -> Tensor:
-    """Return the polynomial through what is known at even steps from the beginning to the end.
+@dataclass(frozen=True)
+class Curve:
+    """The polynomial through what is known at even steps from the beginning to the end.
 
-    Args:
-        nodes: At 0, 1 / (K - 1), ..., 1.  [S, K, ...]
-        time: [S, Q]
-
-    Returns:
-        [S, Q, ...]
+    Attributes:
+        terms: Coefficients of 1, t, t^2, ....  [K, S, ...]
     """
-    terms = torch.einsum("jk,sk...->js...", _powers_from_nodes(nodes.shape[1]), nodes)
-    way = time.reshape(*time.shape, *[1] * (nodes.ndim - 2))
-    value = terms[-1].unsqueeze(1)
-    for term in reversed(terms[:-1].unbind()):  # Horner's scheme
-        value = term.unsqueeze(1) + way * value
-    return value
+
+    terms: Tensor
+
+    @classmethod
+    def through(cls, nodes: Tensor) -> Self:
+        """Take what is known at 0, 1 / (K - 1), ..., 1.  [S, K, ...]."""
+        return cls(torch.einsum("jk,sk...->js...", _powers_from_nodes(nodes.shape[1]), nodes))
+
+    def at(self, index: Tensor) -> Self:
+        """Pick spans."""
+        return type(self)(self.terms[:, index])
+
+    def when(self, time: Tensor) -> Tensor:
+        """Return its value at shares of the span.  [S, Q] -> [S, Q, ...]."""
+        way = time.reshape(*time.shape, *[1] * (self.terms.ndim - 2))
+        value = self.terms[-1].unsqueeze(1)
+        for term in reversed(self.terms[:-1].unbind()):  # Horner's scheme
+            value = term.unsqueeze(1) + way * value
+        return value
 
 
 @cache
@@ -197,14 +216,14 @@ class LobeSpans:
     Attributes:
         flux: Its flux.
         sharpness: Its logarithm at both ends.  [S, 2, 2]
-        integral: Logarithm of the unit lobe's integral, at even steps.  [S, K]
-        slopes: Its slopes along the logarithms of the sharpness, likewise.  [S, K, 2]
+        integral: Logarithm of the unit lobe's integral.  S
+        slopes: Its slopes along the logarithms of the sharpness.  S of 2
     """
 
     flux: Flux
     sharpness: Tensor
-    integral: Tensor
-    slopes: Tensor
+    integral: Curve
+    slopes: Curve
 
     @classmethod
     def of(cls, flux: Flux, lobes: Lobes, integral: Tensor) -> Self:
@@ -219,32 +238,33 @@ class LobeSpans:
             ]
             slopes.append((ends[0] - ends[1]) / (2 * SLOPE_STEP))
         sharpness = lobes.sharpness[:, [0, -1]].log()
-        return cls(flux, sharpness, integral.log(), torch.stack(slopes, -1))
+        curves = Curve.through(integral.log()), Curve.through(torch.stack(slopes, -1))
+        return cls(flux, sharpness, *curves)
 
     def at(self, index: Tensor) -> Self:
         """Pick spans."""
         return type(self)(
-            self.flux.at(index), self.sharpness[index], self.integral[index], self.slopes[index]
+            self.flux.at(index),
+            self.sharpness[index],
+            self.integral.at(index),
+            self.slopes.at(index),
         )
 
     def error(self, before: Tensor, after: Tensor) -> Tensor:
         """Return the largest error."""
-        times = Times.of(before, after)
-        sharpness = times.lerp(*(self._log(time).exp() for time in (times.before, times.after)))
-        amplitude = times.lerp(*(self._amplitude(time) for time in (times.before, times.after)))
-        shapes = sharpness.log() - self._log(times.now)
-        slopes = through(self.slopes, times.now)
-        integral = through(self.integral, times.now) + (slopes * shapes).sum(-1)
-        flux, wanted = amplitude * integral.exp()[..., None], self.flux.when(times.now)
+        times = times_between(before, after)
+        log, whole, light = self._log(times), self.integral.when(times), self.flux.when(times)
+        shapes = lerp(*(end.exp() for end in at_ends(log))).log() - at_probes(log)
+        amplitude = lerp(*at_ends(light / whole.exp()[..., None]))
+        now, wanted = at_probes(times), at_probes(light)
+        integral = at_probes(whole) + (self.slopes.when(now) * shapes).sum(-1)
+        flux = amplitude * integral.exp()[..., None]
         return worst(
             total(flux - wanted),
             gaussian_radiance(flux, wanted, shapes),
-            self.flux.scale(times.now),
+            self.flux.scale(now, total(wanted)),
         )
 
     def _log(self, time: Tensor) -> Tensor:
         first, last = self.sharpness[:, :1], self.sharpness[:, 1:]
         return first + time[..., None] * (last - first)  # [S, Q, 2]
-
-    def _amplitude(self, time: Tensor) -> Tensor:
-        return self.flux.when(time) / through(self.integral, time).exp()[..., None]

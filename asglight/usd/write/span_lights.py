@@ -13,7 +13,18 @@ from torch import Tensor
 
 from asglight.usd.lights import cards, distant
 from asglight.usd.lights.emission import intensity_and_color
-from asglight.usd.write.span_errors import MARGIN, TURN_DEG, Flux, Times, through, total, worst
+from asglight.usd.write.span_errors import (
+    MARGIN,
+    TURN_DEG,
+    Curve,
+    Flux,
+    at_ends,
+    at_probes,
+    lerp,
+    times_between,
+    total,
+    worst,
+)
 
 
 @dataclass(frozen=True)
@@ -22,15 +33,15 @@ class CardSpans:
 
     Attributes:
         flux: Theirs together.
-        squares: Logarithms of their mean x^2 and y^2, at even steps.  [S, K, C, 2]
-        ratios: What gives their sizes from these (`cards.extent_of`), likewise; for cards with the
-            texture, their sizes.  [S, K, C, .]
+        squares: Logarithms of their mean x^2 and y^2.  S of [C, 2]
+        ratios: What gives their sizes from these (`cards.extent_of`); for cards with the texture,
+            the logarithms of their sizes.  S of [C, .]
         is_textured: Whether they have the texture.
     """
 
     flux: Flux
-    squares: Tensor
-    ratios: Tensor
+    squares: Curve
+    ratios: Curve
     is_textured: bool = False
 
     @classmethod
@@ -42,48 +53,42 @@ class CardSpans:
         own = squares[:, :, None] * relative  # [S, K, C, 2]
         extents = cards.extent(own, is_textured=is_textured)
         ratios = extents.log() if is_textured else cards.ratio_of(extents)[..., None]
-        return cls(flux, own.log(), ratios, is_textured)
+        return cls(flux, Curve.through(own.log()), Curve.through(ratios), is_textured)
 
     def at(self, index: Tensor) -> Self:
         """Pick spans."""
         return replace(
             self,
             flux=self.flux.at(index),
-            squares=self.squares[index],
-            ratios=self.ratios[index],
+            squares=self.squares.at(index),
+            ratios=self.ratios.at(index),
         )
 
     def error(self, before: Tensor, after: Tensor) -> Tensor:
         """Return the largest error of any card."""
-        times = Times.of(before, after)
-        now, first, last = (self._sizes(time) for time in (times.now, times.before, times.after))
-        light = self._light(times.now, now)
-        (dim, dim_tint), (lit, lit_tint) = (
-            intensity_and_color(self._light(time, sizes))
-            for time, sizes in ((times.before, first), (times.after, last))
-        )
-        shown = times.lerp(dim, lit)[..., None] * times.lerp(dim_tint, lit_tint)
-        size = times.lerp(first, last)  # [S, Q, C, 2]
-        solid, true_solid = cards.solid_angle(size), cards.solid_angle(now)
-        shown, light = shown[:, :, None], light[:, :, None]
+        times = times_between(before, after)
+        whole, sizes = self.flux.when(times), self._sizes(times)  # [S, 1 + Q + 1, C, 2]
+        solids = cards.solid_angle(sizes)
+        lights = whole / solids.sum(-1)[..., None]
+        (dim, dim_tint), (lit, lit_tint) = map(intensity_and_color, at_ends(lights))
+        shown = lerp(dim, lit)[..., None] * lerp(dim_tint, lit_tint)
+        size, now = lerp(*at_ends(sizes)), at_probes(sizes)
+        solid, true_solid = cards.solid_angle(size), at_probes(solids)
+        shown, light = shown[:, :, None], at_probes(lights)[:, :, None]
         flux, true = shown * solid[..., None], light * true_solid[..., None]
         common = cards.solid_angle(torch.minimum(size, now))
         radiance = _apart(shown, flux, light, true, common)  # of a Gaussian it is less
-        over = self.flux.scale(times.now) / total(self.flux.when(times.now))
+        all_light = total(at_probes(whole))
+        over = self.flux.scale(at_probes(times), all_light) / all_light
         scale = total(true) * over[..., None]
         return worst(*(one.flatten(1) for one in (total(flux - true), radiance, scale)))
 
     def _sizes(self, time: Tensor) -> Tensor:
         """Return half width and half height of the cards at distance 1.  [S, Q, C, 2]."""
-        ratios = through(self.ratios, time)
+        ratios = self.ratios.when(time)
         if self.is_textured:
             return ratios.exp()
-        return cards.extent_of(through(self.squares, time).exp(), ratios)
-
-    def _light(self, time: Tensor, sizes: Tensor) -> Tensor:
-        """Return the radiance.  [S, Q, 3]."""
-        whole = cards.solid_angle(sizes).sum(-1)
-        return self.flux.when(time) / whole[..., None]
+        return cards.extent_of(self.squares.when(time).exp(), ratios)
 
 
 @dataclass(frozen=True)
@@ -92,44 +97,46 @@ class DiscSpans:
 
     Attributes:
         flux: The lobe's.
-        facing: Logarithm of the irradiance on a patch that faces it, over the flux, at even
-            steps.  [S, K]
-        squares: Logarithms of its mean x^2 and y^2.  [S, K, 2]
+        facing: Logarithm of the irradiance on a patch that faces it, over the flux.  S
+        squares: Logarithms of its mean x^2 and y^2.  S of 2
         is_three: Whether they are three.
     """
 
     flux: Flux
-    facing: Tensor
-    squares: Tensor
+    facing: Curve
+    squares: Curve
     is_three: bool
+
+    @classmethod
+    def of(cls, flux: Flux, facing: Tensor, squares: Tensor, *, is_three: bool) -> Self:
+        """Take what is known at even steps: facing irradiance [S, K], mean squares [S, K, 2]."""
+        return cls(flux, Curve.through(facing.log()), Curve.through(squares.log()), is_three)
 
     def at(self, index: Tensor) -> Self:
         """Pick spans."""
         return replace(
             self,
             flux=self.flux.at(index),
-            facing=self.facing[index],
-            squares=self.squares[index],
+            facing=self.facing.at(index),
+            squares=self.squares.at(index),
         )
 
     def error(self, before: Tensor, after: Tensor) -> Tensor:
         """Return the largest error of any disc."""
-        times = Times.of(before, after)
-        (true_radius, tilt), *ends = (self._discs(time) for time in times)
-        radius, tilted = (times.lerp(first, last) for first, last in zip(*ends, strict=True))
-        wanted = self._light(times.now, tilt)
-        (dim, dim_tint), (lit, lit_tint) = (
-            intensity_and_color(self._light(time, end[1]))
-            for time, end in zip((times.before, times.after), ends, strict=True)
-        )
-        irradiance = times.lerp(dim, lit)[..., None] * times.lerp(dim_tint, lit_tint)
+        times = times_between(before, after)
+        whole, (radii, tilts) = self.flux.when(times), self._discs(times)
+        lights = self._lights(times, whole, tilts)
+        radius, tilted = lerp(*at_ends(radii)), lerp(*at_ends(tilts))
+        (dim, dim_tint), (lit, lit_tint) = map(intensity_and_color, at_ends(lights))
+        irradiance = lerp(dim, lit)[..., None] * lerp(dim_tint, lit_tint)
+        true_radius, tilt, wanted = map(at_probes, (radii, tilts, lights))
         shown = irradiance / (torch.pi * radius.sin().square())[..., None]
         light = wanted / (torch.pi * true_radius.sin().square())[..., None]
         solid, true_solid = _cap(radius), _cap(true_radius)
         flux, true = shown * solid[..., None], light * true_solid[..., None]
         radiance = _apart(shown, flux, light, true, torch.minimum(solid, true_solid))
-        over = self.flux.scale(times.now) / total(self.flux.when(times.now))
-        scale = total(true) * over
+        all_light = total(at_probes(whole))
+        scale = total(true) * (self.flux.scale(at_probes(times), all_light) / all_light)
         moved = (tilted - tilt).norm(dim=-1)
         # of two discs side by side, 4 d / (pi r) of the area lies outside the other, d apart
         aside = 2 * distant.OUTER * 4 * moved / (torch.pi * true_radius)
@@ -137,14 +144,14 @@ class DiscSpans:
         turned = torch.rad2deg(moved).amax(-1) / (MARGIN * TURN_DEG)
         return torch.maximum(worst(total(flux - true), radiance, scale), turned)
 
-    def _light(self, time: Tensor, tilt: Tensor) -> Tensor:
+    def _lights(self, time: Tensor, whole: Tensor, tilt: Tensor) -> Tensor:
         """Return the irradiance of the discs, up to a constant.  [S, Q, 3]."""
-        whole = (1 - 2 * distant.OUTER) + 2 * distant.OUTER * tilt.norm(dim=-1).cos()
-        return self.flux.when(time) * (through(self.facing, time).exp() / whole)[..., None]
+        share = (1 - 2 * distant.OUTER) + 2 * distant.OUTER * tilt.norm(dim=-1).cos()
+        return whole * (self.facing.when(time).exp() / share)[..., None]
 
     def _discs(self, time: Tensor) -> tuple[Tensor, Tensor]:
         """Return the radius of the discs [S, Q], and the way to the outer ones [S, Q, 2]."""
-        squares = through(self.squares, time).exp()
+        squares = self.squares.when(time).exp()
         if not self.is_three:
             return distant.disc_radius(squares.sum(-1)), torch.zeros_like(squares)
         spread = distant.Spread.of(squares)

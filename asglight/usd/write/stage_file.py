@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing lobe tracks as a USD stage."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
-from asglight.threads import one_thread
+from asglight.threads import beside, one_thread
 from asglight.usd.check.lint import lint_stage
 from asglight.usd.check.trust import our_own
 from asglight.usd.lights import cards
@@ -108,7 +109,7 @@ def _write(
         )
     with one_thread(), staging.staged(path) as place, our_own():
         beside, author, told = _write_files(tracks, options, place, keys)
-        findings = lint_stage(place)
+        findings = [*author.findings, *lint_stage(place, author.checked)]
         if findings:
             raise RuntimeError(f"the stage breaks its own contract: {findings}")
         return staging.move_into_place(place, path, beside, author, told)
@@ -126,10 +127,10 @@ def _write_files(
     kinds: list[cards.Kind] = []
     of_all: list[Path] = []
     if Representation.DOME in options.held:
-        of_all = staging.write_dome(tracks, place, options.dome_height, space)
+        of_all = staging.dome_images(tracks, place, options.dome_height, space).write()
     if Representation.CARDS in options.held:
         kinds = cards.kinds(tracks.lobes, textured=options.card_texture)
-    fill = staging.write_fill(tracks, kinds, place, space)
+    fill = staging.fill_images(tracks, kinds, place, space)
     card = staging.write_card(kinds, place)
     keys: WrittenKeys | None = None
     told = {name: value for name, value in tracks.metadata.items() if name != "keys"}
@@ -137,12 +138,14 @@ def _write_files(
         keys = staging.write_keys(source, tracks, place, space)
         told["keys"] = keys.document
     tracks = replace(tracks, metadata=told)
-    files = [*of_all, *fill, *card, *(keys.files if keys else [])]
+    files = [*of_all, *fill.files, *card, *(keys.files if keys else [])]
     root = staging.root_layer(place)
-    names = [staging.relative_names(images) for images in (of_all, fill, card)]
+    names = [staging.relative_names(images) for images in (of_all, fill.files, card)]
     images = layer.Images(names[0], names[1], "".join(names[2]))
-    built, author = layer.build(tracks, options, images, root.name, kinds, keys)
-    staging.export(built, root)
+    with beside(fill.writing) as filled:
+        built, author = layer.build(tracks, options, images, root.name, kinds, keys)
+        staging.export(built, root)
+        deque(filled(), maxlen=0)
     if root == place:
         return files, author, keys and keys.document
     staging.package(place, [root, *files])

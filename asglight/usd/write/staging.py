@@ -80,10 +80,10 @@ def dome_folder(path: Path) -> Path:
     return path.parent / f"{path.stem}_dome"
 
 
-def write_dome(
+def dome_images(
     tracks: LobeTracks, place: Path, height: int, space: Space, part: str = ""
-) -> list[Path]:
-    """Write a dome's images beside a staged stage.
+) -> dome.Textures:
+    """Return a dome's images beside a staged stage, and make their folder.
 
     Args:
         tracks: Lobes of all frames.
@@ -91,17 +91,11 @@ def write_dome(
         height: Rows; there are twice as many columns.
         space: Of the stage's colours.
         part: Ends the names' stem, where not all lobes are shown.
-
-    Returns:
-        The files: one for each frame, or one.
-
-    Raises:
-        InputError: A file cannot be written.
     """
     folder = dome_folder(place)
     folder.mkdir(exist_ok=True)
-    with _named_as_asked(place):
-        return dome.write_textures(tracks, folder, f"{place.stem}{part}", height, space)
+    images = dome.textures(tracks, folder, f"{place.stem}{part}", height, space)
+    return replace(images, writing=[_named_as_asked(place)(one) for one in images.writing])
 
 
 @contextmanager
@@ -115,20 +109,16 @@ def _named_as_asked(place: Path) -> Iterator[None]:
         ) from error
 
 
-def write_fill(
+def fill_images(
     tracks: LobeTracks, kinds: Sequence[cards.Kind], place: Path, space: Space
-) -> list[Path]:
-    """Write the images of the lobes that are fill, `<stem>.fill.<frame>.exr`; none for none.
-
-    Raises:
-        InputError: A file cannot be written.
-    """
+) -> dome.Textures:
+    """Return the images of the lobes that are fill, `<stem>.fill.<frame>.exr`; none for none."""
     if cards.Kind.FILL not in kinds:
-        return []
+        return dome.Textures([], [])
     broad = torch.tensor([kind is cards.Kind.FILL for kind in kinds])
     names = tuple(name for name, one in zip(tracks.names, broad, strict=True) if one)
     chosen = replace(tracks, lobes=tracks.lobes.to("cpu").select(broad), names=names)
-    return write_dome(chosen, place, cards.FILL_HEIGHT, space, ".fill")
+    return dome_images(chosen, place, cards.FILL_HEIGHT, space, ".fill")
 
 
 def write_card(kinds: Sequence[cards.Kind], place: Path) -> list[Path]:

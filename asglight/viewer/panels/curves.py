@@ -39,7 +39,9 @@ def curves(state: ViewerState) -> None:
     room = imgui.get_content_region_avail()
     frames = np.asarray(state.tracks.frames, dtype=np.float64)
     flags = implot.SubplotFlags_.link_all_x | implot.SubplotFlags_.no_resize
-    if implot.begin_subplots("##curves", 1, 3, ImVec2(room.x, room.y), flags):
+    # Another shot has plots of its own: these would keep the range of the one before.
+    name = f"##curves {frames[0]:.0f}-{frames[-1]:.0f}"
+    if implot.begin_subplots(name, 1, 3, ImVec2(room.x, room.y), flags):
         for title, tracks in zip(TITLES, values, strict=True):
             _plot(state, title, frames, tracks, is_logarithmic=title != TITLES[2])
         implot.end_subplots()
@@ -117,7 +119,7 @@ def _plot(
     if is_logarithmic:
         implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
         numbers = log_ticks(*limits)
-        implot.setup_axis_ticks(implot.ImAxis_.y1, numbers, [f"{n:.3g}" for n in numbers])
+        implot.setup_axis_ticks(implot.ImAxis_.y1, numbers, [f"{n:g}" for n in numbers])
     lights = (state.tracks.lobes.amplitude > 0).any(-1).any(0).tolist()  # in any frame
     for lobe, values in enumerate(tracks):
         if not lights[lobe] or lobe in state.history.deleted:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Layers of edited keys, over the stage that was edited."""
 
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from asglight.sphere import latlong
 from asglight.usd import lint_stage, read_keys, read_usd, write_key_edits, write_usd
 from asglight.usd.options import KeyLights
 from asglight.usd.write.kept_keys import KeptKeys
+from dcc import renderers
 
 judge = module("keyed.seen")
 
@@ -191,6 +193,33 @@ def test_a_muted_key_keeps_its_light_and_a_deleted_one_leaves_its_hole(
     assert keys.tracks is not None
     assert keys.tracks.names == (held.names[0], "key_08")
     assert keys.tracks.display_names == {"key_08": "key_07"}
+
+
+BLENDER = """
+import sys, bpy
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.ops.wm.usd_import(filepath=sys.argv[1])
+for one in bpy.data.objects:
+    if one.type == "LIGHT":
+        print("light", one.name, one.hide_render, *one.matrix_world.translation)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.blender
+@pytest.mark.skipif(not renderers.PYTHON.is_file(), reason="no Blender: make setup-dcc")
+def test_blender_shows_the_keys_that_are_left_and_the_one_that_was_added(tmp_path: Path) -> None:
+    stage = keyed(tmp_path)
+    wanted = with_one_more(read(stage), "key_07")
+    write_key_edits(tmp_path / "edits.usda", stage, wanted, [0, 1], (), [0])
+    line = [str(renderers.PYTHON), "-c", BLENDER, str(tmp_path / "edits.usda")]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    lights = [one.split() for one in done.stdout.splitlines() if one.startswith("light ")]
+    assert [one[1:3] for one in lights] == [["key_07", "False"]]  # the rest is its world
+    # +X of a stage with +Y up, from which it is turned as Blender has +Z up
+    place = np.array(lights[0][3:], dtype=float)
+    np.testing.assert_allclose(place / np.linalg.norm(place), [1, 0, 0], atol=1e-5)
 
 
 def test_without_any_key_one_can_be_added_and_all_can_be_deleted(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from usd_tracks import contents, moving, still, write_every
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks
 from asglight.usd import lint_stage, read_usd
+from asglight.usd.write import layer
 
 
 def refused(*arguments, **options) -> str:
@@ -201,3 +202,28 @@ def test_a_second_write_replaces_the_first(tmp_path):
     write_every(moving(range(2), seed=3), path, dome_height=2)
     assert read_usd(path).frames == (0, 1)
     assert not list(tmp_path.glob(".asglight-*"))
+
+
+@pytest.mark.parametrize(
+    ("bad", "said"),
+    [
+        (float("nan"), r"asg:sharpness: is \[50\. nan\]; expected finite numbers"),
+        (-1.0, r"asg:sharpness: is \[50\. -1\.\]; expected 0 to inf"),
+    ],
+)
+def test_numbers_that_no_light_can_have_are_told_by_name_and_not_written(
+    bad, said, tmp_path, monkeypatch
+):
+    """Such numbers are a bug of whoever derives them; here the bug is made."""
+
+    def broken(lobes):
+        tracks = lobe_tracks(lobes)
+        tracks["asg:sharpness"] = torch.tensor([[50.0, bad]]).expand(len(lobes.axes), 1, 2)
+        return tracks
+
+    lobe_tracks = layer.lobe_tracks
+    monkeypatch.setattr(layer, "lobe_tracks", broken)
+    path = tmp_path / "shot.usda"
+    with pytest.raises(RuntimeError, match=f"/AsgRig/Lobes/lobe_00.{said}"):
+        write_every(moving(range(3)), path, dome_height=2)
+    assert contents(tmp_path) == {}

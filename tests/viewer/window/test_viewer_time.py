@@ -85,6 +85,26 @@ def test_curves_end_where_a_fit_has_not_come_to_yet(tmp_path: Path, two_lamps: L
     assert counted["half"][1] == 0
 
 
+def test_curves_of_another_shot_are_in_view(tmp_path: Path, two_lamps: LobeTracks) -> None:
+    other = LobeTracks((7, 8, 9), 24.0, two_lamps.lobes)
+
+    def opener(path: str) -> Session:
+        return Session(ViewerState(other), FixedSource(other), "other")
+
+    def script(test: Any, driven: Driven) -> None:
+        test.yield_(3)
+        driven.window.dropped(["other.usda"])
+        windows.wait_for(test, driven, "Opened other.usda.")
+        driven.state.select(0)
+        test.yield_(5)
+        testing.capture(test, str(tmp_path / "other.png"))
+        box = test.window_info("Curves").rect_full
+        places = box.min.x + 30, box.min.y + 40, box.max.x, box.max.y - 30
+        assert accents(tmp_path / "other.png", tuple(map(int, places))) > 100
+
+    windows.drive(two_lamps, script, opener=opener)
+
+
 def test_curves_of_frames_that_are_there_are_the_same_while_others_are_not(
     two_lamps: LobeTracks,
 ) -> None:

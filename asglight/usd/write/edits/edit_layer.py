@@ -148,10 +148,10 @@ def _images(
         for index in (*kept, *changes.added, *changes.deleted, *darkened)
         if kinds
     )
-    return {
-        schema.DOME: staging.write_dome(changes.lit, place, height, space) if has_dome else [],
-        schema.FILL: staging.write_fill(changes.lit, kinds, place, space) if refill else [],
-    }
+    lit = changes.lit
+    images = staging.dome_images(lit, place, height, space).write() if has_dome else []
+    fill = staging.fill_images(lit, kinds, place, space).write() if refill else []
+    return {schema.DOME: images, schema.FILL: fill}
 
 
 def _tracks(

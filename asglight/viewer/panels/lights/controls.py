@@ -55,7 +55,8 @@ _KEY_FIELDS = (
 def edit_controls(state: ViewerState) -> None:
     """Draw the controls of the selected lobes, and under them those of all edits."""
     selected = state.selected
-    title = state.lobe_names[selected[0]] if selected else "No lobe selected"
+    none = f"No {'key' if state.history.are_keys else 'lobe'} selected"
+    title = state.lobe_names[selected[0]] if selected else none
     if len(selected) > 1:
         title += f" and {len(selected) - 1} more, which change alike"
     _buttons(state)
