@@ -10,7 +10,8 @@ import pytest
 from bench_scripts import module
 
 cases = module("keyed.cases")
-measure = module("keyed.measure")
+seen = module("keyed.seen")
+synthetic = module("keyed.synthetic")
 
 ROWS = 64
 MOST = {"env": 0.15, "irr": 0.003, "r0.5": 0.006, "r0.25": 0.02, "flux": 1e-4}
@@ -28,7 +29,7 @@ def ten() -> list[Any]:
 @pytest.mark.parametrize("index", range(10), ids=KINDS)
 def test_keys_and_rest_of_cases_by_chance_are_the_map(index: int) -> None:
     options = argparse.Namespace(keys=None, texture=False)
-    row, corners = measure.judged_case(ten()[index], options)
+    row, corners = synthetic.judged_case(ten()[index], options)
     assert row.keys >= 1
     for name, most in MOST.items():
         assert row.worst[name] <= most, name
@@ -42,7 +43,7 @@ def test_keys_and_rest_of_cases_by_chance_are_the_map(index: int) -> None:
 @pytest.mark.parametrize("index", [1, 4, 6], ids=[KINDS[k] for k in (1, 4, 6)])
 def test_keys_with_their_pixels_are_the_map_more_nearly(index: int) -> None:
     options = argparse.Namespace(keys=None, texture=True)
-    row, _ = measure.judged_case(ten()[index], options)
+    row, _ = synthetic.judged_case(ten()[index], options)
     assert row.worst["env"] <= 0.03
     assert row.worst["r0.25"] <= 0.002
 
@@ -59,10 +60,10 @@ def test_a_card_off_by_a_tenth_is_told() -> None:
     to_world[3, :3] = [0, 0, z]
 
     def off(scale: float) -> float:
-        light = measure.Light(np.linalg.inv(to_world), (half[0] * scale, half[1]), np.ones(3), None)
-        return measure.corners_off([light], [quad], 1e-4)
+        light = seen.Light(np.linalg.inv(to_world), (half[0] * scale, half[1]), np.ones(3), None)
+        return synthetic.corners_off([light], [quad], 1e-4)
 
     assert off(1.0) < 1e-6
     longer = half[0] / min(half)
     assert off(1.1) == pytest.approx(0.1 * longer / 2, rel=0.1)
-    assert measure.corners_off([], [quad], 1e-4) is None
+    assert synthetic.corners_off([], [quad], 1e-4) is None

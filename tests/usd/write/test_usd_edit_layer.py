@@ -1,18 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """A layer of edits shows what writing the edited tracks would, and leaves the stage untouched."""
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from edited_stages import FRAMES, changed, fit
 from pxr import Sdf, Usd, UsdValidation
-from scipy.spatial.transform import Rotation
-from usd_tracks import contents, edited, moving, of_every_kind, still, write_every
+from usd_tracks import contents, edited, moving, still, write_every
 
 from asglight.errors import InputError
 from asglight.images import read_latlong
@@ -21,29 +18,11 @@ from asglight.usd import Representation, lint_stage, read_usd, write_edit_layer
 from asglight.usd.check import trust
 from asglight.usd.options import OF_LOBES
 
-FRAMES = (1001, 1002, 1005, 1006, 1010)
 ROUNDING = 3e-6
 """Of components: the lobes' 1e-6 of samples left out, twice, and float32 rounding on the way."""
 LIGHTS = 4e-4
 """Relative: samples left out of either stage, 1e-4 each, and an override of the difference left
 out up to twice that."""
-
-
-def changed(tracks: LobeTracks, lobe: int, frames: slice, *kinds: str) -> LobeTracks:
-    """Turn, brighten and sharpen one lobe in some frames, with scipy and numpy alone."""
-    lobes = tracks.lobes.clone()
-    if "turn" in kinds:
-        turn = torch.from_numpy(Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix()).float()
-        lobes.axes[frames, lobe] = lobes.axes[frames, lobe] @ turn.T
-    if "brighten" in kinds:
-        lobes.amplitude[frames, lobe] *= torch.tensor([4.0, 2.0, 0.5])
-    if "sharpen" in kinds:
-        # the greater of the two remains the greater: a stage that is written anew has it along x
-        own = lobes.sharpness[frames, lobe]
-        is_greater = own == own.amax(-1, keepdim=True)
-        factor = 2.0 if lobes.form is Form.SG else torch.where(is_greater, 8.0, 2.0)
-        lobes.sharpness[frames, lobe] = own * factor
-    return replace(tracks, lobes=lobes)
 
 
 def shown(path: Path, representation: Representation) -> dict[str, tuple]:
@@ -94,14 +73,6 @@ def assert_shows_what_writing_shows(path: Path, tracks: LobeTracks, height: int 
     metadata = [stage.GetPseudoRoot().GetAllAuthoredMetadata() for stage in stages]
     assert metadata[0] == metadata[1]
     assert "endTimeCode" in metadata[1]
-
-
-def fit(folder: Path, form: Form = Form.ASG, name: str = "fit.usda") -> tuple[Path, LobeTracks]:
-    path = folder / name
-    write_every(
-        of_every_kind(FRAMES, form), path, distance=50.0, meters_per_unit=0.01, dome_height=8
-    )
-    return path, read_usd(path)
 
 
 @pytest.mark.parametrize("lobe", range(3), ids=["fill", "soft", "single"])
@@ -300,101 +271,3 @@ def test_a_fault_of_the_stage_below_is_not_a_fault_of_the_edit(tmp_path):
     edited(path, lambda layer: layer.pseudoRoot.ClearInfo("upAxis"))
     write_edit_layer(tmp_path / "edit.usda", path, changed(tracks, 0, slice(1), "turn"), [0])
     assert lint_stage(tmp_path / "edit.usda") == lint_stage(path) != []
-
-
-def refused(*arguments) -> str:
-    with pytest.raises(InputError) as caught:
-        write_edit_layer(*arguments)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
-
-
-def test_files_of_the_stage_are_never_replaced(tmp_path):
-    path, tracks = fit(tmp_path)
-    after = changed(tracks, 0, slice(None), "turn")
-    write_edit_layer(tmp_path / "edit.usda", path, after, [0])
-    write_edit_layer(tmp_path / "edit.usda", path, after, [0])  # a layer may be written again
-    path.rename(tmp_path / "shot.usda")  # whose images still lie in fit_dome
-    (tmp_path / "edit.usda").unlink()
-    write_edit_layer(tmp_path / "edit.usda", tmp_path / "shot.usda", after, [0])
-    (tmp_path / "link.usda").symlink_to(tmp_path / "shot.usda")
-    before = contents(tmp_path)
-    for source, target in [
-        ("shot.usda", "shot.usda"),
-        ("shot.usda", "shot.usdc"),
-        ("shot.usda", "fit.usda"),
-        ("shot.usda", "link.usda"),
-        ("edit.usda", "shot.usda"),
-        ("edit.usda", "edit.usd"),
-    ]:
-        tracks = read_usd(tmp_path / source)
-        message = refused(tmp_path / target, tmp_path / source, tracks, [0])
-        assert message.startswith(f"{tmp_path / target}: would replace files of {tmp_path}/")
-        assert message.endswith(", which is edited; expected another name or folder.")
-    assert contents(tmp_path) == before
-
-
-def test_tracks_of_another_stage_are_refused(tmp_path):
-    path, tracks = fit(tmp_path)
-    expected = "does not hold the lobes that were edited; expected the stage as it was read"
-    for other in (
-        replace(tracks, fps=25.0),
-        moving(FRAMES, form=Form.SG),
-        moving(FRAMES, lobes=4),
-        still(),
-        changed(tracks, 1, slice(None), "turn"),
-    ):
-        assert expected in refused(tmp_path / "edit.usda", path, other, [0])
-    with pytest.raises(ValueError, match=r"edited: \[3\] of 3 lobes"):
-        write_edit_layer(tmp_path / "edit.usda", path, tracks, [3])
-    assert not (tmp_path / "edit.usda").exists()
-
-
-def test_what_cannot_be_written_is_named(tmp_path):
-    path, tracks = fit(tmp_path)
-    assert "no such file" in refused(tmp_path / "edit.usda", tmp_path / "no.usda", tracks, [])
-    assert "extension '.txt'" in refused(tmp_path / "edit.txt", path, tracks, [])
-    message = refused(tmp_path / "edit.usdz", path, tracks, [])
-    assert "extension '.usdz'; expected .usda, .usdc or .usd." in message
-    tracks.lobes.sharpness[0, 0, 0] = -1
-    assert "sharpness of lobe 0" in refused(tmp_path / "edit.usda", path, tracks, [0])
-
-
-@pytest.mark.skipif(not os.path.isdir("/sys"), reason="needs a folder that even root cannot write")
-def test_a_folder_without_permission_is_named(tmp_path):
-    path, tracks = fit(tmp_path)
-    message = refused("/sys/edit.usda", path, changed(tracks, 0, slice(1), "turn"), [0])
-    assert message.startswith("/sys/edit.usda: cannot be written (")
-
-
-LIMITED = """
-import resource, sys
-from asglight.errors import InputError
-from asglight.usd import read_usd, write_edit_layer
-resource.setrlimit(resource.RLIMIT_FSIZE, (1200, 1200))
-for folder in sys.argv[1:]:
-    tracks = read_usd(folder + "/fit.usda")
-    tracks.lobes.amplitude[:, 0] *= 2
-    try:
-        write_edit_layer(folder + "/edit.usda", folder + "/fit.usda", tracks, [0])
-    except InputError as error:
-        print(error)
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on the size of files")
-def test_a_full_disk_leaves_everything_as_it_was(tmp_path):
-    """The disk is full at the layer in one folder, at an image of the dome in the other."""
-    folders = [tmp_path / "layer", tmp_path / "image"]
-    for folder, height in zip(folders, (2, 64), strict=True):
-        folder.mkdir()
-        write_every(moving(range(40)), folder / "fit.usda", dome_height=height)
-        after = changed(read_usd(folder / "fit.usda"), 0, slice(None), "turn")
-        write_edit_layer(folder / "edit.usda", folder / "fit.usda", after, [0])
-    before = contents(tmp_path)
-    arguments = [sys.executable, "-c", LIMITED, *map(str, folders)]
-    result = subprocess.run(arguments, capture_output=True, text=True, check=True)
-    first, second = result.stdout.splitlines()
-    assert first.startswith(f"{folders[0]}/edit.usda: cannot be written"), result.stderr
-    assert second.startswith(f"{folders[1]}/edit_dome/edit.0000.exr: cannot be written")
-    assert contents(tmp_path) == before

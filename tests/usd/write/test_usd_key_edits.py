@@ -21,7 +21,7 @@ from asglight.usd.options import KeyLights
 from asglight.usd.write.kept_keys import KeptKeys
 from dcc import renderers
 
-judge = module("keyed.measure")
+judge = module("keyed.seen")
 
 # a quarter turn about +Y and half a turn about +X make (x, y, z) (-z, -y, -x)
 TURN = torch.tensor([[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]])

@@ -19,7 +19,8 @@ from asglight.usd import lint_stage, read_stage, write_usd
 from asglight.usd.options import KeyLights
 from asglight.usd.read.keys import read_keys
 
-judge = module("keyed.measure")
+judge = module("keyed.seen")
+rows = module("keyed.rows")
 
 
 def opened(path: Path) -> Usd.Stage:
@@ -43,7 +44,7 @@ def test_lights_and_rest_are_the_image(tmp_path: Path, extension: str, texture: 
     [key] = stage.GetPrimAtPath("/AsgRig/Keys").GetChildren()
     assert light_types(stage) == {str(key.GetPath()): "RectLight", "/AsgRig/Rest": "DomeLight"}
     for frame in FRAMES[::2]:
-        errors = judge.frame_row(tmp_path / f"shot.{extension}", frame, truth[frame])
+        errors = rows.frame_row(tmp_path / f"shot.{extension}", frame, truth[frame])
         assert errors["flux"] < 1e-4
         assert errors["irr"] < 0.003
         assert errors["r0.5"] < 0.006

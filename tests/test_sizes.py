@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files and functions that are read at one go: CONTRIBUTING's limits."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from places import ROOT
+
+FILE_LINES, FUNCTION_LINES = 400, 70
+"""Neither is reached; a docstring counts."""
+
+ROOMS = ("asglight", "benchmarks", "dcc", "examples", "integrations", "soak", "tests", "website")
+
+LARGER = {
+    "asglight/viewer/gl/renderer.py": "one class puts the layers of a picture together",
+}
+"""Files that may have more lines, and why."""
+
+
+def sources() -> list[Path]:
+    return [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+
+
+def functions_of(text: str) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+
+
+def too_long(name: str, text: str) -> Iterator[str]:
+    """Yield what of a file is over the limits."""
+    if (lines := len(text.splitlines())) >= FILE_LINES and name not in LARGER:
+        yield f"{name}: {lines} lines"
+    for node in functions_of(text):
+        assert node.end_lineno is not None
+        if (lines := node.end_lineno - node.lineno + 1) >= FUNCTION_LINES:
+            yield f"{name}: {node.name}: {lines} lines"
+
+
+def test_no_file_and_no_function_is_too_long() -> None:
+    found = {str(path.relative_to(ROOT)): path.read_text() for path in sources()}
+    assert len(found) > 500
+    assert not [line for name, text in found.items() for line in too_long(name, text)]
+    assert LARGER.keys() <= found.keys()
+
+
+@pytest.mark.parametrize(
+    ("text", "over"),
+    [
+        ("x = 1\n" * 399, []),
+        ("x = 1\n" * 400, ["a.py: 400 lines"]),
+        ("def f():\n" + "    pass\n" * 68, []),
+        ("class A:\n  async def f(self):\n" + "    pass\n" * 69, ["a.py: f: 70 lines"]),
+        ('def f():\n    """One.\n' + "\n" * 67 + '    """\n', ["a.py: f: 70 lines"]),
+    ],
+)
+def test_what_is_too_long_is_found(text: str, over: list[str]) -> None:
+    assert list(too_long("a.py", text)) == over
