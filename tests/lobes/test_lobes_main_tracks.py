@@ -142,6 +142,35 @@ def test_a_sun_keeps_its_track_where_a_bright_cloud_passes() -> None:
     assert unchanged(kept_on_lamps(given), given)
 
 
+def test_a_sun_whose_lobe_is_given_up_behind_a_cloud_keeps_its_track() -> None:
+    """A younger lobe, which begins at the sun where the cloud is thickest, goes on in its stead."""
+    sun, cloud = 4000.0, 40.0
+    light = [
+        [1000.0, 3.0, 0.0],
+        [300.0, 3.0, 0.0],
+        [3.0, 3.0, 3.0],
+        [0.0, 3.0, 6.0],
+        [0.0, 3.0, 300.0],
+        [0.0, 3.0, 1000.0],
+    ]
+    frames = []
+    for place, amplitude in zip((25, 12, 6, 0, -12, -25), light, strict=True):
+        one = shot([[0.0, float(place), 0.3]], [amplitude])[0]
+        widths = torch.tensor([[sun, sun], [cloud, cloud], [sun, sun]])
+        frames.append(Lobes(one.axes, widths, one.amplitude))
+    found = kept_on_lamps(stack(frames))
+    assert bool((found.amplitude[:, 0] > 0).all())
+    assert max(abs(place) for place in degrees_of(found, 0)) <= 0.31
+    assert same(degrees_of(found, 1), [25, 12, 6, 0, -12, -25])
+
+
+def test_of_two_lobes_in_one_place_the_one_of_the_same_width_goes_on() -> None:
+    given = shot([[0, 0, 0]] * 4, [[1, 0, 0], [1, 1, 1], [0, 1, 1], [0, 1, 1]])
+    widths = torch.tensor([[30.0, 30.0], [30.0, 30.0], [3.0, 3.0]])
+    found = kept_on_lamps(Lobes(given.axes, widths.expand(4, 3, 2), given.amplitude))
+    assert found.sharpness[:, 0, 0].tolist() == [30.0] * 4
+
+
 def test_a_black_shot_stays_as_it_is() -> None:
     given = shot([[0, 3], [0, 3]], [[0, 0], [0, 0]])
     assert unchanged(kept_on_lamps(given), given)
