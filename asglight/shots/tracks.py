@@ -19,7 +19,7 @@ from asglight.images.account import read_as
 from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
-from asglight.lobes.heirs import inherited
+from asglight.lobes.main_tracks import kept_on_lamps
 from asglight.lobes.naming import by_energy
 from asglight.shots.kept.records import FrameRecord, own_frames, places_of
 from asglight.shots.leaving_out import account, simplified
@@ -70,10 +70,12 @@ def tracks_of(
     """
     own = own_frames(records)
     numbers = [record.frame for record in own]
-    lobes = carried_on(inherited(stack([record.lobes for record in own])))  # [F', N, .]
+    lobes, budget = stack([record.lobes for record in own]), None  # [F', N, .]
+    as_published = options.preset is Preset.PAPER
+    lobes = carried_on(lobes if as_published else kept_on_lamps(lobes))
     fitted, lit = options.lobes_of(lobes.count), lit_lobes(lobes)
-    lobes, budget = lobes.select(lit), None
-    if options.preset is not Preset.PAPER:  # which stays as published
+    lobes = lobes.select(lit)
+    if not as_published:
         lobes, budget = simplified(lobes, numbers, accuracy)
     measured = {} if accuracy is None else _measured(accuracy, numbers, lobes)
     lobes = lobes[torch.tensor(places_of(records))]  # [F, N', .]

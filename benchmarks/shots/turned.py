@@ -28,7 +28,7 @@ from asglight.judging.following import follow, matched, refined
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
-from asglight.lobes.heirs import inherited
+from asglight.lobes.main_tracks import kept_on_lamps
 from benchmarks.given import add_sequence, frames_given
 
 PRESETS = (Preset.LIVE, Preset.FAST, Preset.BEST)
@@ -102,7 +102,7 @@ def measured(maps: list[Tensor], options: FitOptions, *, fresh: bool = False) ->
     else:
         if options.preset is not Preset.LIVE:
             found, seconds = refined(maps, found, seconds, options.preset)
-        shot = carried_on(inherited(stack(found)))  # as it is written
+        shot = carried_on(kept_on_lamps(stack(found)))  # as it is written
         lobes = [shot[frame] for frame in range(len(maps))]
     truth = [measures.shown(each) for each in maps]
     errors = [measures.errors(*pair) for pair in zip(lobes, truth, strict=True)]

@@ -26,7 +26,7 @@ from asglight.judging.metrics import FrameErrors, maps_errors, sequence_errors
 from asglight.lobes import Lobes, texels
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
-from asglight.lobes.heirs import inherited
+from asglight.lobes.main_tracks import kept_on_lamps
 from asglight.peers.approximation import LobeSum
 from asglight.threads import one_thread
 
@@ -85,7 +85,7 @@ def _fits(
             lobes, seconds = fit_frames(frames, FitOptions(plan.lobes, preset))
             if again:
                 lobes, seconds = refined(references, lobes, seconds, preset)
-            shot = carried_on(inherited(stack(lobes)))
+            shot = carried_on(kept_on_lamps(stack(lobes)))
             return [shot[k] for k in range(len(lobes))], seconds
 
         return fit

@@ -24,7 +24,7 @@ from asglight.judging.pictures.display import exposure_stops, luminance
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
-from asglight.lobes.heirs import inherited
+from asglight.lobes.main_tracks import kept_on_lamps
 from asglight.shading import kernels
 from asglight.sphere import latlong
 from asglight.threads import one_thread
@@ -173,7 +173,7 @@ def _our_way(
     lobes, points = fit_frames(references, FitOptions(plan.lobes))
     if len(lobes) > 1:
         lobes, points = refined(shot, lobes, points)
-    tracks = carried_on(inherited(stack(lobes)))
+    tracks = carried_on(kept_on_lamps(stack(lobes)))
     seconds = sum(point["cpu_seconds"] for point in points) / len(points)
     return [tracks[index] for index in range(len(lobes))], 0, seconds
 
