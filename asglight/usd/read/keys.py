@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading the keys of a stage, as the lobes of their cards."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +10,13 @@ from pxr import Usd
 from asglight.images import ocio
 from asglight.lobes import LobeTracks
 from asglight.usd import schema
+from asglight.usd.options import KeyLights
 from asglight.usd.read.edited_lights import with_key_edits
 from asglight.usd.read.placement import placement_of
 from asglight.usd.read.read_options import card_distance_of
 from asglight.usd.read.rest import Rest, read_rest
 from asglight.usd.read.times import frame_numbers
-from asglight.usd.read.tracks import known_space, lobes_at
+from asglight.usd.read.tracks import known_space, lobes_at, slants_at
 from asglight.usd.read.view import View
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import in_colorspace
@@ -79,6 +80,7 @@ def read_keys(path: str | Path | Usd.Stage, rig: str | None = None) -> Keys | No
         if not prims:
             return Keys(None, rest, times, fps, rest.changes)
         lobes = lobes_at(name_of(path), prims, times)
+        lobes = replace(lobes, slant=slants_at(name_of(path), prims, times))
         lobes, changes = with_key_edits(
             prim, prims, lobes, times, distance, placement, space.colorspace
         )
@@ -96,3 +98,43 @@ def read_shown_keys(path: str | Path, rig: str | None = None) -> Keys | None:
     """
     shows, _ = representations_of(path, rig)
     return read_keys(path, rig) if shows == Representation.KEYS else None
+
+
+@dataclass(frozen=True)
+class HeldKeys:
+    """The keys of a stage, what they shine as, and the pixels of their lamps.
+
+    Attributes:
+        keys: The keys.
+        lights: What they shine as.
+        textures: Of each key its image at each frame, as USD resolves it; empty without.
+    """
+
+    keys: Keys
+    lights: KeyLights
+    textures: tuple[tuple[str, ...], ...]
+
+
+def held_keys(path: str | Path, rig: str | None = None) -> HeldKeys | None:
+    """Read the keys of a stage with all that they shine with; None of a stage without keys.
+
+    Raises:
+        InputError: As `read_keys`.
+    """
+    found = read_keys(path, rig)
+    if found is None:
+        return None
+    stage, prim = open_rig(path, rig)
+    stage.SetEditTarget(stage.GetSessionLayer())
+    show(prim, Representation.KEYS)
+    prims = lobe_prims(prim, schema.KEYS)
+    is_distant = any(one.GetTypeName() == schema.KEY_TYPES[KeyLights.DISTANT] for one in prims)
+    lights = KeyLights.DISTANT if is_distant else KeyLights.RECT
+    return HeldKeys(found, lights, tuple(_textures(one, found.times) for one in prims))
+
+
+def _textures(prim: Usd.Prim, frames: tuple[int, ...]) -> tuple[str, ...]:
+    attribute = prim.GetAttribute(schema.TEXTURE)
+    assets = [attribute.Get(frame) if attribute else None for frame in frames]
+    found = tuple(getattr(one, "resolvedPath", "") for one in assets)
+    return found if all(found) else ()

@@ -28,7 +28,7 @@ from asglight.usd.schema import Representation
 from asglight.usd.spaces import space_for, to_stage
 from asglight.usd.stage import lobe_prims, open_rig, place_of, readable, show
 from asglight.usd.write import layer, staging
-from asglight.usd.write.authoring import TrackAuthor
+from asglight.usd.write.authoring import TrackAuthor, constant
 from asglight.usd.write.between import Shot
 from asglight.usd.write.checks import check_target, check_tracks
 from asglight.usd.write.edit_layer import LAYER_SUFFIXES
@@ -115,7 +115,10 @@ def _built(
         prim = Sdf.CreatePrimInLayer(built, path)
         for name, values in layer.lobe_tracks(one.lobes).items():
             author.track(prim, name, values[:, 0], layer.LOBE_TOLERANCE, one.times)
+        for name, values in layer.slant_tracks(one.lobes).items():
+            author.track(prim, name, values[:, 0], layer.SLANT_TOLERANCE, one.times)
         for light in of_key:
+            constant(prim, schema.OP_ORDER, [schema.ORIENT, *light.ops])
             for name, values in light.tracks.items():
                 author.track(prim, name, values, layer.KEY_TOLERANCE, times)
     return built, author, paths
