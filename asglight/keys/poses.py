@@ -16,8 +16,8 @@ from asglight.keys.spots import Array
 from asglight.lobes.rectangles import turns
 
 STEPS = 60
-"""Of Levenberg and Marquardt's method, at most. A tube's length and slant look nearly the same, which
-takes forty; others take ten."""
+"""Of Levenberg and Marquardt's method, at most. Length and slant of a tube look nearly the same,
+which takes forty; others take ten."""
 
 PROBE = 0.005
 """Of derivatives by differences: of a card's size, or in radians."""
