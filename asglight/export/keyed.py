@@ -24,6 +24,7 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import Lobes, LobeTracks, asg
+from asglight.lobes.rectangles import Rectangles, rectangles
 from asglight.sphere import latlong
 
 TERMS = 9
@@ -40,7 +41,7 @@ class KeyedLight:
 
     Attributes:
         keys: The lobes of the keys' cards; None without keys.
-        half_sizes: Tangents of the cards' half angles.  [F, K, 2]
+        half_sizes: Tangents of the half angles of the cards, did they face the origin.  [F, K, 2]
         frames: Frame numbers.  F
         fps: Frames per second.
         images: Files of the rest, one a frame; those within a package as `a.usdz[b.exr]`.
@@ -110,46 +111,37 @@ def polynomials(directions: Tensor) -> Tensor:
     return torch.stack(terms, dim=-1)
 
 
-def facing_irradiance(half_sizes: Tensor) -> Tensor:
-    """Return the irradiance of cards of radiance 1 on a surface that faces them.
-
-    Four times that of a rectangle with a corner above the surface [Howell, "A Catalog of Radiation
-    Heat Transfer Configuration Factors", B-4], of the tangents p and q:
-
-        2 (p / sqrt(1 + p^2) atan(q / sqrt(1 + p^2)) + q / sqrt(1 + q^2) atan(p / sqrt(1 + q^2)))
-
-    Args:
-        half_sizes: Tangents of half angles.  [..., 2]
-
-    Returns:
-        [...]
-    """
-    p, q = half_sizes.unbind(-1)
-    of_p, of_q = (1 + p * p).sqrt(), (1 + q * q).sqrt()
-    return 2 * (p / of_p * torch.atan(q / of_p) + q / of_q * torch.atan(p / of_q))
-
-
 def key_rows(light: KeyedLight) -> Iterable[tuple[str, dict[str, Tensor]]]:
     """Yield the name of each key, and its values at every frame."""
     if light.keys is None:
         return
-    lobes = light.keys.lobes.to("cpu", torch.float64)
-    p, q = light.half_sizes.unbind(-1)
-    solid_angle = 4 * torch.atan(p * q / (1 + p * p + q * q).sqrt())
-    radiance = asg.flux(lobes) / solid_angle[..., None]
-    facing = facing_irradiance(light.half_sizes)[..., None] * radiance
+    found = rectangles_of(light.keys.lobes, light.half_sizes)
+    flux = asg.flux(light.keys.lobes.to("cpu", torch.float64))
+    radiance = flux / found.solid_angle()[..., None]
+    facing = found.irradiance()[..., None] * radiance
     for index, name in enumerate(light.keys.names):
         yield (
             name,
             {
-                "center": lobes.axis_z[:, index],
-                "axis_x": lobes.axes[:, index, 0],
-                "axis_y": lobes.axes[:, index, 1],
-                "half_size": light.half_sizes[:, index],
+                "center": found.middle[:, index],
+                "axis_x": found.axes[:, index, 0],
+                "axis_y": found.axes[:, index, 1],
+                "half_size": found.half[:, index],
                 "radiance": radiance[:, index],
                 "irradiance": facing[:, index],
             },
         )
+
+
+def rectangles_of(keys: Lobes, half_sizes: Tensor) -> Rectangles:
+    """Return the cards of keys where they stand, in float64.
+
+    Args:
+        keys: The keys.  [F, K, .]
+        half_sizes: Tangents of the half angles of the cards that face the origin.  [F, K, 2]
+    """
+    lobes = keys.to("cpu", torch.float64)
+    return rectangles(lobes.axes, half_sizes, lobes.slant)
 
 
 def relative(images: Sequence[str], folder: Path) -> list[str]:

@@ -20,8 +20,8 @@ from asglight.keys.rectangles import Card
 from asglight.keys.sighting import sightings
 from asglight.sphere import latlong
 
-FLOATS = 8
-"""Of a key: frame 3, size 2, RGB 3."""
+FLOATS = 10
+"""Of a key: place 2, frame 3, size 2, RGB 3."""
 
 POINTS = 1024
 """On a card, each way, that its light is gathered from: a hundred across a texel of a card of seven
@@ -105,13 +105,12 @@ def cut(radiance: Tensor, *, textured: bool) -> Keyed:
 
 def gathered(key: KeyLight, height: int, width: int) -> Tensor:
     """Return the mean radiance over each texel that a key shows.  [H, W, 3]."""
-    p, q = key.card.extent.tolist()
     step = 1 - 2 * (torch.arange(POINTS, dtype=torch.float64) + 0.5) / POINTS
-    y, x = torch.meshgrid(q * step, p * step, indexing="ij")
-    axes = torch.from_numpy(key.card.axes.copy())
-    u, v = latlong.uv_from_direction(x[..., None] * axes[0] + y[..., None] * axes[1] + axes[2])
+    y, x = torch.meshgrid(step, step, indexing="ij")
+    seen = key.card.rectangle.points(x.flatten(), y.flatten()).view(POINTS, POINTS, 3)
+    u, v = latlong.uv_from_direction(seen)
     place = (v * height).long().clamp(max=height - 1) * width + (u * width).long() % width
-    light = ((1 + x * x + y * y) ** -1.5)[..., None].expand(-1, -1, 3)
+    light = (seen.norm(dim=-1, keepdim=True) ** -3).expand(-1, -1, 3)
     if key.image is not None:
         rows, columns = key.image.shape[:2]
         row = torch.arange(POINTS) * rows // POINTS

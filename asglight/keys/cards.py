@@ -14,7 +14,16 @@ import torch
 from scipy import optimize
 from scipy.spatial import ConvexHull
 
-from asglight.keys.rectangles import Card, Patch, frame, frame_of, half_extent
+from asglight.keys.poses import followed, posed
+from asglight.keys.rectangles import (
+    Card,
+    Patch,
+    frame,
+    frame_of,
+    half_extent,
+    seen_as,
+    turn_between,
+)
 from asglight.keys.spots import Array, Grid
 from asglight.shading import kernels
 from asglight.sphere.quadrature import fibonacci_directions
@@ -52,6 +61,9 @@ SAMPLED = 0.97
 HELD_MIN = 1e-3
 """Of a lamp's brightest texel: fainter ones at its rim do not make a card larger."""
 
+LEVEL = 0.1
+"""Sine of the angle between a slanted card's plane and what it is to hold, at least."""
+
 SCALES = (1.0, 0.7, 0.45, 0.25)
 """Sizes of the cards that a search may start with, over that of the lamp's moments: of a bulb in a
 dish the moments are the dish's."""
@@ -61,6 +73,19 @@ BRIGHTEST = 300
 
 COLD, WARM = 0.25, 0.1
 """First step of a search, over a card's size: from nothing, and from the frame before."""
+
+FACING_APART = 0.04
+"""Of a lamp's light: with less off, a card that faces the origin shows it."""
+
+SLANT_TEXELS = 0.6
+"""Half of a lamp's narrow side, in texels, below which it has no outline to tell a slant by."""
+
+HOPELESS = 2.0
+"""Such a cost before the search, above which there is none."""
+
+SLANT_GAIN = 0.6
+"""Cost of a slanted card over that of one that faces the origin, above which it is not worth its
+two numbers: of lamps that are no rectangle."""
 
 EVALUATIONS = 300
 """Of the search, at most; it ends by itself after 150 to 300."""
@@ -80,22 +105,45 @@ def moment_card(patch: Patch, light: Array) -> Card:
     squares, vectors = np.linalg.eigh(second)
     x = vectors[:, 1] @ axes[:2]
     axes = frame(x, axes[2])
-    return Card(axes, half_extent(np.maximum(squares[::-1], patch.softness**2 / 12)))
+    return Card.facing(axes, half_extent(np.maximum(squares[::-1], patch.softness**2 / 12)))
 
 
 def fitted(patch: Patch, light: Array, start: Card | None = None) -> Card:
     """Return the card that shows the light of a lamp best, where the lamp is.
+
+    It faces the origin unless its lamp is large enough to have an outline, which a slanted card has
+    far more nearly; one that was slanted in the frame before stays so, that it does not jump.
 
     Args:
         patch: The texels around the lamp.
         light: Flux of each, not all 0.  [P]
         start: Of the search; None for the best of cards of several sizes on the lamp.
     """
+    texel = np.pi / patch.shape[0]
     patch, light = coarse(patch, light)
     cost = _Cost(patch, light)
+    if start is not None and not start.is_facing:
+        return _nearest(cost, followed(patch, light, start, moment_card(patch, light)), WARM)
     tried = [start] if start is not None else starts(patch, light)
-    first = min(tried, key=cost)
-    reach = WARM if start is not None else COLD
+    facing = _nearest(cost, min(tried, key=cost), COLD if start is None else WARM)
+    off = apart(off_by(facing, patch, light)) / float(light.sum())
+    if off < FACING_APART or facing.extent.min() < SLANT_TEXELS * texel:
+        return facing
+    slanted = posed(patch, light, facing)
+    if cost(slanted) > HOPELESS * cost(facing):
+        return facing
+    slanted = _nearest(cost, slanted, WARM)
+    return slanted if cost(slanted) < SLANT_GAIN * cost(facing) else facing
+
+
+def _nearest(cost: "_Cost", first: Card, reach: float) -> Card:
+    """Return the card of least cost, as slanted as the first [Nelder and Mead 1965].
+
+    Args:
+        cost: What it costs.
+        first: Where the search starts.
+        reach: Its first steps, over the card's size.
+    """
     simplex = np.concatenate([np.zeros((1, 5)), reach * np.eye(5)])
     options = {"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-5}
     best = optimize.minimize(
@@ -152,10 +200,12 @@ def apart(off: Array) -> float:
 def _changed(card: Card, step: Array) -> Card:
     """Return a card moved in units of its size, turned, and grown by logarithms.  [5]."""
     size = float(card.extent.max())
-    z = card.axes[2] + step[0] * size * card.axes[0] + step[1] * size * card.axes[1]
-    z /= np.linalg.norm(z)
-    x = np.cos(step[2]) * card.axes[0] + np.sin(step[2]) * card.axes[1]
-    return Card(frame(x, z), card.extent * np.exp(step[3:]))
+    middle = card.middle + size * (step[0] * card.axes[0] + step[1] * card.axes[1])
+    middle /= np.linalg.norm(middle)
+    axes = card.turned(turn_between(card.middle, middle)).axes
+    x = np.cos(step[2]) * axes[0] + np.sin(step[2]) * axes[1]
+    z = middle if card.is_facing else axes[2]
+    return Card(frame(x, z), card.extent * np.exp(step[3:]), middle)
 
 
 def starts(patch: Patch, light: Array) -> list[Card]:
@@ -170,8 +220,9 @@ def starts(patch: Patch, light: Array) -> list[Card]:
         mean = (near @ light) / (near @ patch.weight.sum(-1))
         for z in (card.axes[2], centre[some[int(mean.argmax())]]):
             axes = frame(card.axes[0], z)
-            found.append(Card(axes, scale * card.extent))
-            found.append(Card(axes, np.full(2, scale * np.sqrt(card.extent.prod()))))
+            found.append(Card.facing(axes, scale * card.extent))
+            even = np.full(2, scale * np.sqrt(card.extent.prod()))
+            found.append(Card.facing(axes, even))
     return found
 
 
@@ -193,9 +244,14 @@ class _Cost:
         return (
             APART_WEIGHT * apart(off)
             + far
-            + CENTRE_WEIGHT * float(np.linalg.norm(card.axes[2] - self._usual.axes[2]))
-            + STEADY_WEIGHT * float((np.log(card.extent / self._usual.extent) ** 2).sum())
+            + CENTRE_WEIGHT * float(np.linalg.norm(self._off_centre(card)))
+            + STEADY_WEIGHT * float((np.log(card.seen_extent / self._usual.extent) ** 2).sum())
         )
+
+    def _off_centre(self, card: Card) -> Array:
+        """Return how far the mean direction of a card is from that of the lamp.  [3]."""
+        centre = card.middle if card.is_facing else seen_as(card).axes[2]
+        return centre - self._usual.middle
 
 
 def balls(patch: Patch) -> list[Array]:
@@ -224,19 +280,23 @@ def _kernel_sum(roughness: float) -> float:
     return float(2 * np.pi * (values * weights).sum() * len(DIRECTIONS) / (4 * np.pi))
 
 
-def holding(patch: Patch, light: Array) -> Card:
+def holding(patch: Patch, light: Array, start: Card | None = None) -> Card:
     """Return the smallest rectangle that holds the light of a lamp.
 
-    It lies about the middle of the light, turned as the least rectangle around it is; a side is
-    parallel to one of the convex hull's [Freeman and Shapira 1975, "Determining the
-    minimum-area encasing rectangle for an arbitrary closed curve"].
+    One that is slanted stands as the card that shows the lamp best. Else it lies about the middle
+    of the light, turned as the least rectangle around it is; a side is parallel to one of the
+    convex hull's [Freeman and Shapira 1975, "Determining the minimum-area encasing rectangle for
+    an arbitrary closed curve"].
 
     Args:
         patch: The texels around the lamp.
         light: Flux of each, not all 0.  [P]
+        start: The card of the frame before; None where there is none.
     """
-    lit = light > HELD_MIN * light.max()
-    points = patch.points[lit].reshape(-1, 3)
+    points = patch.points[light > HELD_MIN * light.max()].reshape(-1, 3)
+    best = fitted(patch, light, start)
+    if not best.is_facing and (points @ best.axes[2]).min() > LEVEL:
+        return grown(best, points, patch.softness)
     axes = moment_card(patch, light).axes
     for _ in range(4):  # the middle of the rectangle moves the plane, and that the rectangle
         local = points @ axes.T
@@ -249,7 +309,24 @@ def holding(patch: Patch, light: Array) -> Card:
         axes = frame(x, z)
     local = points @ axes.T
     extent = np.abs(local[:, :2] / local[:, 2:]).max(0) + patch.softness
-    return Card(axes, extent)
+    return Card.facing(axes, extent)
+
+
+def grown(card: Card, points: Array, margin: float) -> Card:
+    """Return the rectangle in the plane of a card, along its sides, that holds points.
+
+    Args:
+        card: The card.
+        points: Directions that meet its plane.  [N, 3]
+        margin: Around the points, a tangent.
+    """
+    local = points @ card.axes.T
+    sides = local[:, :2] * (card.foot[2] / local[:, 2:])  # from the foot of the perpendicular
+    margins = margin * card.extent / card.seen_extent
+    low, high = sides.min(0) - margins, sides.max(0) + margins
+    middle = np.append((low + high) / 2, card.foot[2]) @ card.axes
+    distance = float(np.linalg.norm(middle))
+    return Card(card.axes, (high - low) / 2 / distance, middle / distance)
 
 
 def _rectangle(points: Array) -> tuple[float, Array, Array]:

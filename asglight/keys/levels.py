@@ -259,4 +259,6 @@ def _step(errors: Array, most: float) -> float:
 
 def whole(seen: Sequence[Seen]) -> list[KeyCut]:
     """Return the cards that hold all light of the lamps."""
-    return [one.cut(cards.holding(one.patch, one.light()), 0.0, math.inf) for one in seen]
+    return [
+        one.cut(cards.holding(one.patch, one.light(), one.start), 0.0, math.inf) for one in seen
+    ]

@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keys as lobes: a card is stored as the lobe of its flux and its second moments.
+"""Keys as lobes: a card is stored as the lobe of its flux and its second moments, and its slant.
 
 So everything that is known of lobes holds for keys: frames continuous in time, light between
 frames, the lights of a stage, and what another program changed in them.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
 
+from asglight.keys.rectangles import Card, half_extent, seen_as
 from asglight.keys.spots import Array
 from asglight.lobes import Lobes, asg
+from asglight.lobes.data import SLANT
+from asglight.lobes.rectangles import slant_of
 
 STEPS = 200
 """Of the fixed point from mean squares to sharpness, at most; narrow cards take two."""
@@ -44,20 +49,24 @@ def card_squares(extent: Array) -> Array:
     return np.stack(found, axis=-1)
 
 
-def as_lobes(axes: Array, extent: Array, flux: Array) -> Lobes:
+def as_lobes(found: Sequence[Sequence[Card]], flux: Array) -> Lobes:
     """Return the lobes of cards.
 
     Args:
-        axes: Rows x, y, z of their frames.  [..., K, 3, 3]
-        extent: Tangents of their half angles.  [..., K, 2]
-        flux: Radiance times solid angle.  [..., K, 3]
+        found: Cards of every frame.  F of K
+        flux: Radiance times solid angle.  [F, K, 3]
+
+    Returns:
+        [F, K, .]
     """
-    wanted = torch.from_numpy(card_squares(extent))
-    frames = torch.from_numpy(np.ascontiguousarray(axes))
-    sharpness = 1 / (2 * wanted)
-    ones = torch.ones(*extent.shape[:-1], 3, dtype=torch.float64)
+    shape = len(found), len(found[0])
+    every = [card for frame in found for card in frame]
+    axes, wanted, extent = _facing(every)
+    frames, squares = (torch.from_numpy(one) for one in (axes, wanted))
+    sharpness = 1 / (2 * squares)
+    ones = torch.ones(len(every), 3, dtype=torch.float64)
     for _ in range(STEPS):
-        following = (sharpness * _squares(Lobes(frames, sharpness, ones)) / wanted).clamp(
+        following = (sharpness * _squares(Lobes(frames, sharpness, ones)) / squares).clamp(
             *SHARPNESS
         )
         done = bool(((following - sharpness).abs() <= CONVERGED * sharpness).all())
@@ -65,8 +74,34 @@ def as_lobes(axes: Array, extent: Array, flux: Array) -> Lobes:
         if done:
             break
     zeroth = asg.moments(Lobes(frames, sharpness, ones)).zeroth
-    amplitude = torch.from_numpy(np.ascontiguousarray(flux)) / zeroth[..., None]
-    return Lobes(frames, sharpness, amplitude)
+    amplitude = torch.from_numpy(np.ascontiguousarray(flux)).reshape(-1, 3) / zeroth[..., None]
+    lobes = Lobes(frames, sharpness, amplitude, slant=_slants(every, axes, extent))
+    return lobes.each(lambda values: values.reshape(*shape, *values.shape[1:]))
+
+
+def _facing(every: Sequence[Card]) -> tuple[Array, Array, Array]:
+    """Return frames, mean squares and sizes of the cards that stand for others facing the origin.
+
+    Of a card that faces the origin they are its own.  [P, 3, 3], [P, 2], [P, 2]
+    """
+    axes = np.stack([card.axes for card in every])
+    extent = np.stack([card.extent for card in every])
+    squares = card_squares(extent)
+    for index, card in enumerate(every):
+        if not card.is_facing:
+            axes[index], squares[index] = seen_as(card)
+            extent[index] = half_extent(squares[index])
+    return axes, squares, extent
+
+
+def _slants(every: Sequence[Card], axes: Array, extent: Array) -> Tensor:
+    """Return how cards stand beside those that face the origin.  [P, 7]."""
+    slant = torch.zeros(len(every), SLANT, dtype=torch.float64)
+    for index, card in enumerate(every):
+        if not card.is_facing:
+            beside = torch.from_numpy(axes[index]), torch.from_numpy(extent[index])
+            slant[index] = slant_of(card.rectangle, *beside)
+    return slant
 
 
 def _squares(lobes: Lobes) -> Tensor:

@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rectangles seen from the origin, and the texels around a lamp that they cover.
 
-A card is a rectangle in the plane z = 1 of a frame whose z axis goes through its middle.
+A card has its middle at distance 1, and need not face the origin.
 
 Symbols: P texels around a lamp; S points in each.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+import torch
 
 from asglight.keys.spots import Array, Grid, Places
+from asglight.lobes import rectangles as slanted
+from asglight.lobes.rectangles import Rectangles
 
 POINTS = 20_000
 """Points that a lamp is looked at in, at most, in squares of `SIDE` by `SIDE` a texel."""
@@ -21,29 +25,63 @@ SIDE = (3, 5)
 to a few hundredths."""
 
 
+FACING = 1e-9
+"""Sine of the angle up to which a card faces the origin."""
+
+
 @dataclass(frozen=True, eq=False)
 class Card:
     """A rectangle seen from the origin.
 
     Attributes:
-        axes: Rows x, y, z of its frame; z goes through its middle.  [3, 3]
-        extent: Tangents of its half angles along x and y.  [2]
+        axes: Rows: along its sides, and its normal on the side away from the origin.  [3, 3]
+        extent: Half of its sides, with its middle at distance 1: tangents of its half angles where
+            it faces the origin.  [2]
+        middle: Direction of its middle: that of its normal where it faces the origin.  [3]
     """
 
     axes: Array
     extent: Array
+    middle: Array
+
+    @classmethod
+    def facing(cls, axes: Array, extent: Array) -> "Card":
+        """Return a card that faces the origin; arguments as the attributes."""
+        return cls(axes, extent, axes[2])
+
+    @cached_property
+    def foot(self) -> Array:
+        """Return where its middle is along its axes: (0, 0, 1) of one that faces the origin."""
+        return self.axes @ self.middle
+
+    @property
+    def is_facing(self) -> bool:
+        """Tell whether it faces the origin."""
+        return bool(np.abs(self.foot[:2]).max() < FACING)
+
+    @property
+    def seen_extent(self) -> Array:
+        """Return half of its sides as they are seen, foreshortened.  [2]."""
+        return self.extent * np.sqrt(np.maximum(1 - self.foot[:2] ** 2, FACING))
+
+    @cached_property
+    def rectangle(self) -> Rectangles:
+        """Return the same rectangle as tensors."""
+        values = (self.middle, self.axes, self.extent)
+        return Rectangles(*(torch.from_numpy(np.ascontiguousarray(one)) for one in values))
 
     @property
     def solid_angle(self) -> float:
-        """Return its solid angle in steradians: 4 atan(p q / sqrt(1 + p^2 + q^2))."""
-        p, q = self.extent
-        return float(4 * np.arctan(p * q / np.sqrt(1 + p * p + q * q)))
+        """Return its solid angle in steradians."""
+        return float(self.rectangle.solid_angle())
 
     def corners(self) -> Array:
         """Return the directions of its corners, in order around it.  [4, 3]."""
-        p, q = self.extent
-        corners = np.array([[p, q, 1], [-p, q, 1], [-p, -q, 1], [p, -q, 1]]) @ self.axes
-        return corners / np.linalg.norm(corners, axis=-1, keepdims=True)
+        return self.rectangle.corners().numpy()
+
+    def turned(self, turn: Array) -> "Card":
+        """Return the card turned about the origin, by a matrix for columns.  [3, 3]."""
+        return Card(self.axes @ turn.T, self.extent, self.middle @ turn.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,31 +134,55 @@ class Patch:
     def covered(self, card: Card) -> Array:
         """Return the solid angle of each texel that a card covers.  [P]."""
         local = self.points @ card.axes.T
-        z = np.maximum(local[..., 2], 1e-6)  # behind the origin nothing is covered
+        nearness = card.foot[2] / np.maximum(local[..., 2], 1e-6)  # behind it nothing is covered
+        softness = self.softness * card.extent / card.seen_extent
         sides = [
-            np.clip((card.extent[k] - np.abs(local[..., k]) / z) / self.softness + 0.5, 0, 1)
+            np.clip(
+                (card.extent[k] - np.abs(local[..., k] * nearness - card.foot[k])) / softness[k]
+                + 0.5,
+                0,
+                1,
+            )
             for k in (0, 1)
         ]
         return (sides[0] * sides[1] * (local[..., 2] > 0) * self.weight).sum(-1)
 
 
 def aligned(card: Card, before: Card | None) -> Card:
-    """Return the same card in the one of its four frames that is nearest to the one before.
+    """Return the same card with that order of its sides that is nearest to the one before.
 
-    The first has its narrow side along x, as the frames of lobes do
+    The first has the side along x that is seen narrower, as the frames of lobes do
     (`asglight.lobes.frames.continuous`), so that frames stay as they are when keys become lobes and
     textures stay with their cards.
     """
     x, y, z = card.axes
     turned = [
-        Card(np.stack([x, y, z]), card.extent),
-        Card(np.stack([y, -x, z]), card.extent[::-1]),
-        Card(np.stack([-x, -y, z]), card.extent),
-        Card(np.stack([-y, x, z]), card.extent[::-1]),
+        Card(np.stack([x, y, z]), card.extent, card.middle),
+        Card(np.stack([y, -x, z]), card.extent[::-1], card.middle),
+        Card(np.stack([-x, -y, z]), card.extent, card.middle),
+        Card(np.stack([-y, x, z]), card.extent[::-1], card.middle),
     ]
     if before is None:
-        return turned[1] if card.extent[1] < card.extent[0] else turned[0]
+        squares = card.extent**2 if card.is_facing else seen_as(card).squares
+        return turned[1] if squares[1] < squares[0] else turned[0]
     return max(turned, key=lambda one: float((one.axes * before.axes).sum()))
+
+
+class SeenAs(NamedTuple):
+    """A card as the lobe that stands for it.
+
+    Attributes:
+        axes: Rows of its frame.  [3, 3]
+        squares: Mean x^2 and y^2 of the light.  [2]
+    """
+
+    axes: Array
+    squares: Array
+
+
+def seen_as(card: Card) -> SeenAs:
+    """Return the frame and the spread of the light of a card (`lobes.rectangles.seen_as`)."""
+    return SeenAs(*(one.numpy() for one in slanted.seen_as(card.rectangle)))
 
 
 def frame(x: Array, z: Array) -> Array:
@@ -128,6 +190,16 @@ def frame(x: Array, z: Array) -> Array:
     x = x - (x @ z) * z
     x = x / np.linalg.norm(x)
     return np.stack([x, np.cross(z, x).astype(np.float64), z])
+
+
+def turn_between(before: Array, now: Array) -> Array:
+    """Return the least turn from one unit direction to another, for columns [Rodrigues 1840].
+
+    Not of opposite ones.  [3, 3]
+    """
+    x, y, z = np.cross(before, now)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + cross + cross @ cross / max(1 + float(before @ now), 1e-6)
 
 
 def frame_of(direction: Array) -> Array:

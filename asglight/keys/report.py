@@ -43,7 +43,7 @@ class KeyFrame:
         key: Which.
         share: Of the map's light that it has.
         color: Its light, the largest component 1.
-        size_deg: Of its card, the longer side first.
+        size_deg: Of its card as it is seen, the longer side first.
         carried: Share of its lamp's light that it has.
         apart: Share of its light that the card shows elsewhere than the map does, both ways.
         rim: As of `rim_gradients`.
@@ -78,7 +78,7 @@ def of_frame(
     for index, key, flux, rim in zip(chosen, cut.keys, found.flux, rims, strict=True):
         if key is None or not float(flux.sum()) > 0:
             continue
-        size = np.sort(np.degrees(2 * np.arctan(key.card.extent)))[::-1]
+        size = np.sort(np.degrees(2 * np.arctan(key.card.seen_extent)))[::-1]
         described.append(
             KeyFrame(
                 index,

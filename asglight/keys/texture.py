@@ -10,6 +10,7 @@ Symbols: M, N rows and columns of the image; H, W of the map.
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -41,10 +42,11 @@ def size(card: Card, height: int) -> tuple[int, int]:
         card: The card.
         height: Rows of the map.
     """
-    p, q = card.extent
-    reach = math.atan(math.hypot(p, q))
-    latitude = min(abs(math.asin(max(-1.0, min(1.0, card.axes[2][1])))) + reach, math.pi / 2)
+    corners = card.corners()
+    reach = float(np.arccos(np.clip(corners @ card.middle, -1, 1)).max())
+    latitude = min(abs(math.asin(max(-1.0, min(1.0, card.middle[1])))) + reach, math.pi / 2)
     texel = math.pi / height * max(math.cos(latitude), NARROWEST)
+    p, q = card.seen_extent
     high, wide = (_side(2 * math.atan(e) / texel) for e in (q, p))
     return high, wide
 
@@ -73,17 +75,15 @@ def rectified(card: Card, shape: tuple[int, int], light: Tensor, first_row: int)
     rows, columns = shape
     y = 1 - 2 * (torch.arange(rows * POINTS, dtype=torch.float64) + 0.5) / (rows * POINTS)
     x = 1 - 2 * (torch.arange(columns * POINTS, dtype=torch.float64) + 0.5) / (columns * POINTS)
-    axes = torch.from_numpy(card.axes)
-    p, q = card.extent.tolist()
-    y, x = torch.meshgrid(q * y, p * x, indexing="ij")
-    directions = x[..., None] * axes[0] + y[..., None] * axes[1] + axes[2]
+    y, x = torch.meshgrid(y, x, indexing="ij")
+    directions = card.rectangle.points(x.flatten(), y.flatten()).view(*x.shape, 3)
     width = light.shape[1]
     u, v = latlong.uv_from_direction(directions)
     row = (v * width / 2).long() - first_row
     column = (u * width).long() % width
     inside = (row >= 0) & (row < len(light))
     values = light[row.clamp(0, len(light) - 1), column] * inside[..., None]
-    solid = (1 + x * x + y * y) ** -1.5
+    solid = directions.norm(dim=-1) ** -3  # and the same factor everywhere
     weighted = (values.double() * solid[..., None]).view(rows, POINTS, columns, POINTS, 3)
     weight = solid.view(rows, POINTS, columns, POINTS).sum((1, 3))[..., None]
     image = weighted.sum((1, 3)) / weight

@@ -10,7 +10,7 @@ Dimension letters: F frames, N lobes, 3 RGB or xyz.
 
 import itertools
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Self
@@ -21,6 +21,9 @@ from torch import Tensor
 FRAMES_MAX = 1_000_000
 """Of a shot: eleven hours at 24 frames a second. A range beyond it is damage, and would fill the
 memory."""
+
+SLANT = 7
+"""Numbers of a lobe's slant."""
 
 
 class Form(StrEnum):
@@ -49,18 +52,23 @@ class Lobes:
         sharpness: (sx, sy), dimensionless, > 0.  [..., N, 2]
         amplitude: Linear RGB radiance at axis_z, >= 0 but for `flat.terms`.  [..., N, 3]
         form: The lobe function, the same for all lobes.
+        slant: Of keys, how their cards stand beside the ones that face the origin
+            (lobes/rectangles.py); None of other lobes.  [..., N, 7]
     """
 
     axes: Tensor
     sharpness: Tensor
     amplitude: Tensor
     form: Form = Form.ASG
+    slant: Tensor | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes."""
         batch = self.axes.shape[:-2]
-        for name, expected in (("axes", (3, 3)), ("sharpness", (2,)), ("amplitude", (3,))):
-            shape = getattr(self, name).shape
+        wanted_shapes = {"axes": (3, 3), "sharpness": (2,), "amplitude": (3,), "slant": (SLANT,)}
+        for name, expected in wanted_shapes.items():
+            values: Tensor | None = getattr(self, name)
+            shape = (*batch, *expected) if values is None else values.shape
             if tuple(shape) != (*batch, *expected):
                 wanted = ", ".join(["..., N", *map(str, expected)])
                 raise ValueError(f"{name}: shape {tuple(shape)}, expected [{wanted}]")
@@ -95,29 +103,24 @@ class Lobes:
 
     def __getitem__(self, index: Any) -> Self:
         """Index the leading dimensions, as one would index each tensor."""
-        return replace(
-            self,
-            axes=self.axes[index],
-            sharpness=self.sharpness[index],
-            amplitude=self.amplitude[index],
-        )
+        return self.each(lambda values: values[index])
 
     def to(self, *args: Any, **kwargs: Any) -> Self:
         """Move or convert every tensor, as `torch.Tensor.to`."""
-        return replace(
-            self,
-            axes=self.axes.to(*args, **kwargs),
-            sharpness=self.sharpness.to(*args, **kwargs),
-            amplitude=self.amplitude.to(*args, **kwargs),
-        )
+        return self.each(lambda values: values.to(*args, **kwargs))
 
     def clone(self) -> Self:
         """Copy every tensor."""
+        return self.each(torch.clone)
+
+    def each(self, change: Callable[[Tensor], Tensor]) -> Self:
+        """Return lobes of which every tensor is changed."""
         return replace(
             self,
-            axes=self.axes.clone(),
-            sharpness=self.sharpness.clone(),
-            amplitude=self.amplitude.clone(),
+            axes=change(self.axes),
+            sharpness=change(self.sharpness),
+            amplitude=change(self.amplitude),
+            slant=None if self.slant is None else change(self.slant),
         )
 
     def select(self, lobes: Tensor) -> Self:
@@ -127,6 +130,7 @@ class Lobes:
             axes=self.axes[..., lobes, :, :],
             sharpness=self.sharpness[..., lobes, :],
             amplitude=self.amplitude[..., lobes, :],
+            slant=None if self.slant is None else self.slant[..., lobes, :],
         )
 
     def split(self, count: int) -> tuple[Self, Self]:
@@ -145,27 +149,42 @@ class Lobes:
         found.axes[..., lobes, :, :] = others.axes
         found.sharpness[..., lobes, :] = others.sharpness
         found.amplitude[..., lobes, :] = others.amplitude
+        if found.slant is not None and others.slant is not None:
+            found.slant[..., lobes, :] = others.slant
         return found
+
+
+def combined(every: Sequence[Lobes], combine: Callable[[list[Tensor]], Tensor]) -> Lobes:
+    """Return lobes whose every tensor comes of those of several, of the first one's form.
+
+    Args:
+        every: The lobes. Of keys and other lobes together, the others are not slanted.
+        combine: From one tensor of each to that of the result.
+    """
+    slants = [one.slant for one in every]
+    are_keys = any(slant is not None for slant in slants)
+    still = [one.axes.new_zeros(*one.axes.shape[:-2], SLANT) for one in every] if are_keys else []
+    return Lobes(
+        axes=combine([one.axes for one in every]),
+        sharpness=combine([one.sharpness for one in every]),
+        amplitude=combine([one.amplitude for one in every]),
+        form=every[0].form,
+        slant=combine(
+            [rest if own is None else own for own, rest in zip(slants, still, strict=True)]
+        )
+        if are_keys
+        else None,
+    )
 
 
 def stack(frames: list[Lobes]) -> Lobes:
     """Stack equally many lobes of F frames along a new first dimension.  [F, N, .]."""
-    return Lobes(
-        axes=torch.stack([lobes.axes for lobes in frames]),
-        sharpness=torch.stack([lobes.sharpness for lobes in frames]),
-        amplitude=torch.stack([lobes.amplitude for lobes in frames]),
-        form=frames[0].form,
-    )
+    return combined(frames, torch.stack)
 
 
 def joined(one: Lobes, other: Lobes) -> Lobes:
     """Return the frames of two, the other's last.  [F, N, .] and [F', N, .] -> [F + F', N, .]."""
-    return Lobes(
-        axes=torch.cat([one.axes, other.axes]),
-        sharpness=torch.cat([one.sharpness, other.sharpness]),
-        amplitude=torch.cat([one.amplitude, other.amplitude]),
-        form=one.form,
-    )
+    return combined([one, other], torch.cat)
 
 
 def chosen(first: Tensor, one: Lobes, other: Lobes) -> Lobes:
@@ -177,15 +196,10 @@ def chosen(first: Tensor, one: Lobes, other: Lobes) -> Lobes:
         other: As many.  [F, N, .]
     """
 
-    def of(these: Tensor, those: Tensor) -> Tensor:
-        return torch.where(first.reshape(-1, *[1] * (these.ndim - 1)), these, those)
+    def of(pair: list[Tensor]) -> Tensor:
+        return torch.where(first.reshape(-1, *[1] * (pair[0].ndim - 1)), *pair)
 
-    return replace(
-        one,
-        axes=of(one.axes, other.axes),
-        sharpness=of(one.sharpness, other.sharpness),
-        amplitude=of(one.amplitude, other.amplitude),
-    )
+    return combined([one, other], of)
 
 
 def lobe_names(count: int, first: int = 0, kind: str = "lobe") -> tuple[str, ...]:

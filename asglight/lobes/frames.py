@@ -14,7 +14,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.lobes.data import Form, Lobes
+from asglight.lobes.data import Form, Lobes, stack
+from asglight.lobes.rectangles import turned_slant
 
 
 def axes_around(axis_z: Tensor) -> Tensor:
@@ -59,11 +60,7 @@ def continuous(lobes: Lobes, *, keeps_first: bool = False) -> Lobes:
     frames = [lobes[0] if keeps_first else canonical(lobes[0])]
     for index in range(1, lobes.axes.shape[0]):
         frames.append(align(lobes[index], frames[-1]))
-    return replace(
-        lobes,
-        axes=torch.stack([f.axes for f in frames]),
-        sharpness=torch.stack([f.sharpness for f in frames]),
-    )
+    return stack(frames)
 
 
 def align(lobes: Lobes, previous: Lobes) -> Lobes:
@@ -85,7 +82,8 @@ def align(lobes: Lobes, previous: Lobes) -> Lobes:
     dot = (lobes.axis_x * previous.axis_x).sum(-1) + (lobes.axis_y * previous.axis_y).sum(-1)
     half_turn = torch.ones_like(lobes.axes)
     half_turn[..., :2, :] = torch.where(dot < 0, -1.0, 1.0).to(dot)[..., None, None]
-    return replace(lobes, axes=lobes.axes * half_turn)
+    slant = turned_slant(lobes.slant, dot < 0, quarters=2)
+    return replace(lobes, axes=lobes.axes * half_turn, slant=slant)
 
 
 def parallel_transport(axes: Tensor, axis_z: Tensor) -> Tensor:
@@ -189,4 +187,5 @@ def _quarter_turn(lobes: Lobes, where: Tensor) -> Lobes:
         lobes,
         axes=torch.where(where[..., None, None], turned, lobes.axes),
         sharpness=torch.where(where[..., None], lobes.sharpness.flip(-1), lobes.sharpness),
+        slant=turned_slant(lobes.slant, where, quarters=1),
     )

@@ -6,13 +6,14 @@ With s in [0, 1] from one frame to the next, a lobe has
     flux         (1 - s) Phi_0 + s Phi_1, in each channel
     sharpness    exp((1 - s) log s_0 + s log s_1), along each axis
     frame        slerp(R_0, R_1, s): it turns evenly, the shortest way
+    slant        (1 - s) l_0 + s l_1, of keys
 
 and the amplitude is the flux over the integral of the unit lobe. Amplitude and sharpness are not
 interpolated by themselves: their product would be a flux between the frames that neither has.
 
-A lobe that is black in one of two frames has the other's sharpness between them, and turns as any
-other: its black frame says where it comes from, or goes to, while it fades (fading.py). Before the
-first frame and after the last, lobes are those of that frame.
+A lobe that is black in one of two frames has the other's sharpness and slant between them, and
+turns as any other: its black frame says where it comes from, or goes to, while it fades
+(fading.py). Before the first frame and after the last, lobes are those of that frame.
 
 Dimension letters: T times, F frames, N lobes.
 """
@@ -24,7 +25,7 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import asg, frames
-from asglight.lobes.data import Form, Lobes, LobeTracks
+from asglight.lobes.data import Form, Lobes, LobeTracks, combined
 
 
 def at(tracks: LobeTracks, times: Sequence[float]) -> Lobes:
@@ -66,7 +67,11 @@ def between(first: Lobes, last: Lobes, part: Tensor) -> Lobes:
     flux = (1 - share) * asg.flux(first) + share * asg.flux(last)
     sharpness = torch.exp((1 - share) * start.sharpness.log() + share * end.sharpness.log())
     moved = replace(
-        first, axes=_turned(start, end, part), sharpness=sharpness, amplitude=torch.ones_like(flux)
+        first,
+        axes=_turned(start, end, part),
+        sharpness=sharpness,
+        amplitude=torch.ones_like(flux),
+        slant=mixed(start.slant, end.slant, share),
     )
     moved = replace(moved, amplitude=flux / asg.integral(moved)[..., None])
     return _where(share == 0, first, _where(share == 1, last, moved))
@@ -110,18 +115,32 @@ def _turned(start: Lobes, end: Lobes, part: Tensor) -> Tensor:
 
 
 def _shaped(where: Tensor, lobes: Lobes, others: Lobes) -> Lobes:
-    """Return lobes, where marked with the sharpness of others.  [..., N, 1] marks."""
-    return replace(lobes, sharpness=torch.where(where, others.sharpness, lobes.sharpness))
+    """Return lobes, where marked with the shape of others.  [..., N, 1] marks."""
+    slant = mixed(lobes.slant, others.slant, where.to(lobes.sharpness))
+    sharpness = torch.where(where, others.sharpness, lobes.sharpness)
+    return replace(lobes, sharpness=sharpness, slant=slant)
+
+
+def mixed(start: Tensor | None, end: Tensor | None, share: Tensor) -> Tensor | None:
+    """Return slants between two, each number evenly; None of lobes that are no keys.  [..., N, 7].
+
+    Args:
+        start: At 0.
+        end: At 1.
+        share: How far.  [..., N, 1]
+    """
+    if start is None or end is None:
+        return None
+    return (1 - share) * start + share * end
 
 
 def _where(mark: Tensor, lobes: Lobes, others: Lobes) -> Lobes:
     """Return lobes where marked, and the others elsewhere.  [..., N, 1] marks."""
-    return replace(
-        lobes,
-        axes=torch.where(mark[..., None], lobes.axes, others.axes),
-        sharpness=torch.where(mark, lobes.sharpness, others.sharpness),
-        amplitude=torch.where(mark, lobes.amplitude, others.amplitude),
-    )
+
+    def of(pair: list[Tensor]) -> Tensor:
+        return torch.where(mark.reshape(*mark.shape, *[1] * (pair[0].ndim - mark.ndim)), *pair)
+
+    return combined([lobes, others], of)
 
 
 def resting(lobes: Lobes) -> Lobes:
@@ -131,7 +150,8 @@ def resting(lobes: Lobes) -> Lobes:
         lobes: A shot.  [T, N, .]
     """
     source = light_of(is_black(lobes))
-    return replace(lobes, sharpness=_taken(lobes.sharpness, source))
+    slant = None if lobes.slant is None else _taken(lobes.slant, source)
+    return replace(lobes, sharpness=_taken(lobes.sharpness, source), slant=slant)
 
 
 def light_of(black: Tensor) -> Tensor:

@@ -49,18 +49,36 @@ def resampled(
         InputError: A rate is none, the range is not one of the tracks, or one frame or too many
             would come of it.
     """
+    times = resampled_times(tracks, fps, speed, frames)
+    first = int(times[0])
+    return replace(
+        tracks,
+        frames=tuple(range(first, first + len(times))),
+        fps=tracks.fps if fps is None else fps,
+        lobes=motion.at(tracks, times),
+    )
+
+
+def resampled_times(
+    tracks: LobeTracks,
+    fps: float | None = None,
+    speed: float = 1.0,
+    frames: tuple[int, int] | None = None,
+) -> list[float]:
+    """Return the time of each new frame in old frame numbers; arguments as `resampled`.
+
+    Raises:
+        InputError: As `resampled`.
+    """
     fps = tracks.fps if fps is None else fps
     for name, value in (("fps", fps), ("speed", speed)):
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name}: {value:g}; expected a finite number above 0.")
     first, last = _range(tracks, frames)
     step = tracks.fps / fps * speed
-    count = _count(first, last, step)
-    times = first + step * torch.arange(count, dtype=torch.float64)
+    times = first + step * torch.arange(_count(first, last, step), dtype=torch.float64)
     near = times.round()
-    times = torch.where((times - near).abs() < WHOLE, near, times)
-    numbers = tuple(range(first, first + count))
-    return replace(tracks, frames=numbers, fps=fps, lobes=motion.at(tracks, times.tolist()))
+    return torch.where((times - near).abs() < WHOLE, near, times).tolist()
 
 
 def _range(tracks: LobeTracks, frames: tuple[int, int] | None) -> tuple[int, int]:

@@ -32,8 +32,9 @@ from torch import Tensor
 
 from asglight.errors import InputError
 from asglight.lobes import asg
-from asglight.lobes.data import Form, Lobes, LobeTracks, first_unused, lobe_names
+from asglight.lobes.data import Form, Lobes, LobeTracks, combined, first_unused, lobe_names
 from asglight.lobes.frames import align, continuous, orthonormal, slerp
+from asglight.lobes.motion import mixed
 
 CARRIED_DEG = 10.0
 """How far light is carried for the price of putting it out or lighting it."""
@@ -172,13 +173,8 @@ def _joined(seam: _Seam) -> Lobes:
     """Return the lobes of both parts: N and those without a place there.  [F + G - K, ., .]."""
     before, after, overlap = _paired(seam)
     start = len(before.axes) - overlap
-    pieces = (before[:start], _blend(before[start:], after[:overlap]), after[overlap:])
-    return replace(
-        before,
-        axes=torch.cat([piece.axes for piece in pieces]),
-        sharpness=torch.cat([piece.sharpness for piece in pieces]),
-        amplitude=torch.cat([piece.amplitude for piece in pieces]),
-    )
+    pieces = [before[:start], _blend(before[start:], after[:overlap]), after[overlap:]]
+    return combined(pieces, torch.cat)
 
 
 def _blend(before: Lobes, after: Lobes) -> Lobes:
@@ -186,7 +182,8 @@ def _blend(before: Lobes, after: Lobes) -> Lobes:
     after = align(after, before)
     part = _parts_of(after)[..., None]
     sharpness = torch.lerp(before.sharpness.log(), after.sharpness.log(), part).exp()
-    blend = replace(before, axes=_turned(before, after), sharpness=sharpness)
+    slant = mixed(before.slant, after.slant, part)
+    blend = replace(before, axes=_turned(before, after), sharpness=sharpness, slant=slant)
     flux = torch.lerp(asg.flux(before), asg.flux(after), part)
     return replace(blend, amplitude=flux / asg.integral(blend)[..., None])
 
@@ -263,6 +260,7 @@ def _led(own: Lobes, other: Lobes, overlap: int, led: Tensor, black: Tensor) -> 
         own,
         axes=torch.where(moved[..., None, None], there.axes, own.axes),
         sharpness=torch.where(moved[..., None], there.sharpness, own.sharpness),
+        slant=mixed(own.slant, there.slant, moved[..., None].to(own.sharpness)),
     )
     amplitude = torch.where(moved[..., None], flux / asg.integral(laid)[..., None], own.amplitude)
     return replace(laid, amplitude=amplitude)
@@ -339,18 +337,8 @@ def _jumps(seam: _Seam) -> Tensor:
 def _all_pairs(before: Lobes, after: Lobes) -> tuple[Lobes, Lobes]:
     """Hold every lobe beside every other, their frames aligned.  Two [K, N, M, .]."""
     size = (len(before.axes), before.count, after.count)
-    first = Lobes(
-        before.axes[:, :, None].expand(*size, 3, 3),
-        before.sharpness[:, :, None].expand(*size, 2),
-        before.amplitude[:, :, None].expand(*size, 3),
-        before.form,
-    )
-    second = Lobes(
-        after.axes[:, None].expand(*size, 3, 3),
-        after.sharpness[:, None].expand(*size, 2),
-        after.amplitude[:, None].expand(*size, 3),
-        after.form,
-    )
+    first = before.each(lambda own: own[:, :, None].expand(*size, *own.shape[2:]))
+    second = after.each(lambda own: own[:, None].expand(*size, *own.shape[2:]))
     return first, align(second, first)
 
 

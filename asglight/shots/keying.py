@@ -17,28 +17,24 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from asglight.images import Sequence, ocio, write_exr
-from asglight.images.exr_writer import HALF_MAX
+from asglight.images import Sequence
 from asglight.keys import following, report, texture
 from asglight.keys.cut import ROWS, FrameCut, Wanted, frame_cut, light_of, parts
 from asglight.keys.following import Sighting, Track
 from asglight.keys.lobes import as_lobes
-from asglight.keys.rectangles import Card
+from asglight.keys.rectangles import Card, turn_between
 from asglight.keys.report import KeyFrame
 from asglight.keys.sighting import sightings
 from asglight.keys.spots import Grid, Mask, Places
 from asglight.lobes import LobeTracks, asg
 from asglight.lobes.data import Lobes, first_unused
 from asglight.shots.events import Keyed, OnProgress
+from asglight.shots.keyed.images import Target
 from asglight.sphere import latlong
 from asglight.threads import one_thread
 from asglight.usd.options import KeyOptions
 from asglight.usd.spaces import Space
 from asglight.usd.write.keys import WrittenKeys
-
-HALF_FLUX_ERROR = 2e-5
-"""Of a channel, by rounding to half floats, up to which a rest is written in them: a fifth of what
-keys and rest together may be off."""
 
 _Item = TypeVar("_Item")
 
@@ -101,7 +97,7 @@ class Keying:
             ]
             lamps = following.keys(seen, self.options.count)
             shot = _Shot(tracks, seen, lamps, key_names(lamps, tracks), self.options)
-            target = _Target(folder, stem, space)
+            target = Target(folder, stem, space)
             for place, frame in enumerate(self.follow(tracks.frames, "cutting keys", count)):
                 shot.cut(place, self._radiance(frame), target)
         return shot.written()
@@ -131,7 +127,7 @@ class _Shot:
         self._textures: list[list[Path]] = [[] for _ in lamps]
         self._reports: list[list[KeyFrame]] = []
 
-    def cut(self, place: int, radiance: Tensor, target: "_Target") -> None:
+    def cut(self, place: int, radiance: Tensor, target: Target) -> None:
         """Cut a frame and write its images.
 
         Args:
@@ -169,7 +165,7 @@ class _Shot:
         return chosen, wanted
 
     def _write_textures(
-        self, place: int, radiance: Tensor, cut: FrameCut, chosen: list[int], target: "_Target"
+        self, place: int, radiance: Tensor, cut: FrameCut, chosen: list[int], target: Target
     ) -> None:
         for index, key in enumerate(chosen):
             own = cut.keys[index]
@@ -207,17 +203,19 @@ class _Shot:
         lit = np.array([[card is not None for card in frame] for frame in self._cards])
         if not lit.any():
             return None
-        axes = np.empty((*lit.shape, 3, 3))
-        extent = np.empty((*lit.shape, 2))
+        found: list[list[Card]] = [[] for _ in self._frames]
         for key in range(lit.shape[1]):
             places = np.flatnonzero(lit[:, key])
-            for frame in range(len(lit)):
+            for frame, own in enumerate(found):
                 card = None
                 if len(places):
                     card = self._cards[int(places[np.abs(places - frame).argmin()])][key]
-                axes[frame, key] = np.eye(3) if card is None else card.axes
-                extent[frame, key] = 0.01 if card is None else card.extent
-        return as_lobes(axes, extent, self._flux)
+                own.append(card or UNLIT)
+        return as_lobes(found, self._flux)
+
+
+UNLIT = Card.facing(np.eye(3), np.full(2, 0.01))
+"""Of a key that is never lit."""
 
 
 def key_names(lamps: list[Track], tracks: LobeTracks) -> tuple[str, ...]:
@@ -250,58 +248,6 @@ def key_names(lamps: list[Track], tracks: LobeTracks) -> tuple[str, ...]:
     return tuple(names)
 
 
-@dataclass(frozen=True)
-class _Target:
-    """Where images go, and in which colours."""
-
-    folder: Path
-    stem: str
-    space: Space
-
-    def write(self, name: str, radiance: Tensor, *, latlong: bool) -> Path:
-        """Write an image, in half floats where they hold its light.
-
-        Args:
-            name: What follows the stem, without the extension.
-            radiance: In Rec.709; a texture has no colours of its own.  [H, W, 3]
-            latlong: Whether it is a map.
-        """
-        path = self.folder / f"{self.stem}.{name}.exr"
-        values = self._in_space(radiance) if latlong else radiance
-        write_exr(
-            path,
-            values,
-            half=_half_holds(values) if latlong else _half_means(values),
-            chromaticities=ocio.chromaticities(self.space.colorspace) if latlong else None,
-            latlong=latlong,
-        )
-        return path
-
-    def _in_space(self, radiance: Tensor) -> Tensor:
-        if self.space.colorspace == ocio.REC709:
-            return radiance
-        matrix = torch.from_numpy(ocio.matrix(ocio.REC709, self.space.colorspace)).float()
-        return (radiance @ matrix.T).clamp(min=0)
-
-
-def _half_holds(radiance: Tensor) -> bool:
-    """Tell whether half floats keep the flux of every channel of a map."""
-    if float(radiance.max()) > HALF_MAX:
-        return False
-    solid = latlong.texel_solid_angles(*radiance.shape[:2], dtype=torch.float64)[..., None]
-    flux = (radiance.double() * solid).sum((0, 1))
-    rounded = (radiance.half().double() * solid).sum((0, 1))
-    return bool(((rounded - flux).abs() <= HALF_FLUX_ERROR * flux).all())
-
-
-def _half_means(image: Tensor) -> bool:
-    """Tell whether half floats keep the mean of every channel of a texture."""
-    if float(image.max()) > HALF_MAX:
-        return False
-    mean, rounded = (one.double().mean((0, 1)) for one in (image, image.half()))
-    return bool(((rounded - mean).abs() <= HALF_FLUX_ERROR * mean).all())
-
-
 def _small(radiance: Tensor) -> Tensor:
     rows = min(ROWS, len(radiance))
     return latlong.reduce(radiance, rows, 2 * rows)
@@ -326,8 +272,4 @@ def _lamp_mask(lamp: Track, place: int, small: Tensor) -> Mask:
 def _moved(card: Card, lamp: Track, place: int) -> Card:
     """Turn the card of the frame before as its lamp has turned."""
     before, now = lamp.at(place - 1)[0], lamp.at(place)[0]
-    axis = np.cross(before, now)
-    cosine = float(before @ now)
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    turn = np.eye(3) + cross + cross @ cross / max(1 + cosine, 1e-6)  # Rodrigues' formula
-    return Card(card.axes @ turn.T, card.extent)
+    return card.turned(turn_between(before, now))

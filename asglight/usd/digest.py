@@ -32,8 +32,10 @@ def author_digest(lobe: Sdf.PrimSpec, digest: str) -> None:
 def digest_of_prim(lobe: Usd.Prim) -> str:
     """Return the digest of what a lobe is now."""
     tracks = []
-    for name in schema.LOBE_TRACKS:
+    for name in (*schema.LOBE_TRACKS, *schema.SLANT_TRACKS):
         attribute = lobe.GetAttribute(name)
+        if name in schema.SLANT_TRACKS and not attribute:
+            continue
         query = Usd.AttributeQuery(attribute)
         found = [query.Get(), *map(query.Get, attribute.GetTimeSamples())]
         present = [value for value in found if value is not None]

@@ -11,7 +11,9 @@
         dome, keys          Xform: data only
     /AsgRig/Fill            DomeLight of the broad lobes, in cards only
     /AsgRig/Dome            DomeLight of all lobes, in dome only
-    /AsgRig/Keys/key_NN     a lamp, in keys only: RectLight or DistantLight, and that as a lobe
+    /AsgRig/Keys/key_NN     a lamp, in keys only: RectLight or DistantLight, and that as a lobe; a
+                            RectLight that does not face the origin has its middle and its turn in
+                            the lobe frame, and as a lobe its slant
     /AsgRig/Rest            DomeLight of the images without these lamps, in keys only
 
 A stage of one representation has no variants: its lights are said where the lobes are, and the
@@ -55,11 +57,16 @@ DIGEST = "digest"
 ORIENT = "xformOp:orient"
 TRANSLATE = "xformOp:translate:dist"
 ORIENT_BACK, ORIENT_SIDE = "xformOp:orient:back", "xformOp:orient:side"
+ORIENT_SLANT = "xformOp:orient:slant"
+"""How a key that does not face the origin is turned from its lobe's frame."""
 ROTATE_DOME = "xformOp:rotateX:orientToStageUpAxis"
 OP_ORDER = "xformOpOrder"
 SHARPNESS, AMPLITUDE, FORM = "asg:sharpness", "asg:amplitude", "asg:form"
 LOBE_TRACKS = (ORIENT, SHARPNESS, AMPLITUDE)
 """What a lobe is, besides its form."""
+MIDDLE, TURN, GROWTH = "asg:card:middle", "asg:card:turn", "asg:card:growth"
+SLANT_TRACKS = (MIDDLE, TURN, GROWTH)
+"""The slant of a key's card (asglight.lobes.rectangles); of one that faces the origin not said."""
 WIDTH, HEIGHT, ANGLE = "inputs:width", "inputs:height", "inputs:angle"
 INTENSITY, COLOR, NORMALIZE = "inputs:intensity", "inputs:color", "inputs:normalize"
 TEXTURE, TEXTURE_FORMAT = "inputs:texture:file", "inputs:texture:format"
@@ -70,6 +77,10 @@ VALUE_TYPES = {
     ORIENT: Sdf.ValueTypeNames.Quatf,
     ORIENT_BACK: Sdf.ValueTypeNames.Quatf,
     ORIENT_SIDE: Sdf.ValueTypeNames.Quatf,
+    ORIENT_SLANT: Sdf.ValueTypeNames.Quatf,
+    MIDDLE: Sdf.ValueTypeNames.Float2,
+    TURN: Sdf.ValueTypeNames.Float3,
+    GROWTH: Sdf.ValueTypeNames.Float2,
     TRANSLATE: Sdf.ValueTypeNames.Double3,
     ROTATE_DOME: Sdf.ValueTypeNames.Float,
     OP_ORDER: Sdf.ValueTypeNames.TokenArray,

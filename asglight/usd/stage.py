@@ -327,6 +327,7 @@ def _numbers(values: list[Any], kind: Sdf.ValueTypeName) -> NDArray[np.float64]:
         return np.roll(imaginary_first, 1, axis=-1)
     vectors = {
         Sdf.ValueTypeNames.Float2: Vt.Vec2fArray,
+        Sdf.ValueTypeNames.Float3: Vt.Vec3fArray,
         Sdf.ValueTypeNames.Color3f: Vt.Vec3fArray,
         Sdf.ValueTypeNames.Double3: Vt.Vec3dArray,
     }

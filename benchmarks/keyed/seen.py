@@ -24,6 +24,9 @@ RAYS = (12, 300)
 RAYS_ACROSS = 150
 """Across the narrow side of a card: its flux is right to a few thousandths whatever its outline."""
 
+ROUND = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+"""Corners of a rectangle, in order around it."""
+
 Array = NDArray[np.float64]
 
 
@@ -137,9 +140,7 @@ def flux_error(stage: Usd.Stage, frame: int, reference: Tensor) -> float:
     image = read_latlong(rest_image(stage, frame)).radiance
     found = _flux(image)
     for light in lights(stage, frame):
-        distance = np.linalg.norm(np.linalg.inv(light.to_local)[3, :3])
-        p, q = (float(half / distance) for half in light.half)
-        found += light.radiance * _solid_angle(p, q) * _mean(light.image, p, q)
+        found += light.radiance * solid_angle(light) * texture_mean(light)
     truth = _flux(reference)
     return float(np.abs(found / truth - 1)[truth > 0].max())
 
@@ -149,14 +150,36 @@ def _flux(image: Tensor) -> Array:
     return (image.double() * solid).sum((0, 1)).numpy()
 
 
-def _solid_angle(p: float, q: float) -> float:
-    return float(4 * np.arctan(p * q / np.sqrt(1 + p * p + q * q)))
+def corners(light: Light) -> Array:
+    """Return the directions of a rectangle's corners, in order around it.  [4, 3]."""
+    world = np.linalg.inv(light.to_local)
+    local = [[i * light.half[0], j * light.half[1], 0, 1] for i, j in ROUND]
+    found = (np.array(local) @ world)[:, :3]
+    return found / np.linalg.norm(found, axis=-1, keepdims=True)
 
 
-def _mean(image: NDArray[np.float32] | None, p: float, q: float) -> Array:
-    if image is None:
+def solid_angle(light: Light) -> float:
+    """Return the solid angle of a rectangle, wherever it stands, as four with a corner each.
+
+    With the foot of the origin's perpendicular on its plane at h, and a corner at (u, v) from
+    there, each is atan(u v / (h sqrt(h^2 + u^2 + v^2))).
+    """
+    x, y, h = (np.array([0, 0, 0, 1.0]) @ light.to_local)[:3]
+    h, total = abs(h), 0.0
+    for i, j in ROUND:
+        u, v = i * light.half[0] - x, j * light.half[1] - y
+        total += i * j * np.arctan2(u * v, h * np.sqrt(h * h + u * u + v * v))
+    return float(total)
+
+
+def texture_mean(light: Light) -> Array:
+    """Return the mean of a texture by the solid angles of its texels.  [3]."""
+    if light.image is None:
         return np.ones(3)
-    rows, columns = image.shape[:2]
-    y, x = ((2 * (np.arange(n) + 0.5) / n - 1) * e for n, e in ((rows, q), (columns, p)))
-    weight = (1 + x * x + (y * y)[:, None]) ** -1.5
-    return (image * weight[..., None]).sum((0, 1)) / weight.sum()
+    rows, columns = light.image.shape[:2]
+    x, y, h = (np.array([0, 0, 0, 1.0]) @ light.to_local)[:3]
+    # the first texel of the first row is at (+x, +y)
+    u = light.half[0] * (1 - 2 * (np.arange(columns) + 0.5) / columns)
+    v = light.half[1] * (1 - 2 * (np.arange(rows) + 0.5) / rows)
+    weight = ((u - x) ** 2 + (v[:, None] - y) ** 2 + h * h) ** -1.5
+    return (light.image * weight[..., None]).sum((0, 1)) / weight.sum()

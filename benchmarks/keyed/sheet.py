@@ -162,13 +162,12 @@ def _numbers(errors: dict[str, float]) -> str:
 
 def outline(axes: Axes, card: Card, index: int) -> None:
     """Draw a card on a latlong picture."""
-    p, q = card.extent
     along = np.linspace(-1, 1, POINTS)
     sides = [(along, 1), (1, -along), (-along, -1), (-1, along)]
-    points = [np.broadcast_arrays(p * x, q * y) for x, y in sides]
-    x, y = (np.concatenate([point[k] for point in points]) for k in (0, 1))
-    directions = x[:, None] * card.axes[0] + y[:, None] * card.axes[1] + card.axes[2]
-    closed = torch.from_numpy(np.concatenate([directions, directions[:1]]))
+    points = [np.broadcast_arrays(x, y) for x, y in sides]
+    x, y = (torch.from_numpy(np.concatenate([point[k] for point in points])) for k in (0, 1))
+    directions = card.rectangle.points(x, y)
+    closed = torch.cat([directions, directions[:1]])
     shadow = [withStroke(linewidth=3.4, foreground="#000000", alpha=0.5)]
     for u, v in segments(closed):
         axes.plot(u, v, color=colour(index), linewidth=1.6, path_effects=shadow)

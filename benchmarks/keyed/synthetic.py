@@ -14,9 +14,7 @@ from asglight.images import open_sequence, write_exr
 from asglight.usd.options import KeyLights, KeyOptions
 from benchmarks.keyed.cases import Case, Quad, cases
 from benchmarks.keyed.rows import Row, print_head, print_row, stage_row, written
-from benchmarks.keyed.seen import Light, lights
-
-ROUND = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+from benchmarks.keyed.seen import Light, corners, lights
 
 
 def key_options(options: argparse.Namespace) -> KeyOptions:
@@ -92,14 +90,11 @@ def corners_off(found: Sequence[Light], quads: Sequence[Quad], texel: float) -> 
     """
     worst = None
     for light in found:
-        world = np.linalg.inv(light.to_local)
-        local = [[i * light.half[0], j * light.half[1], 0, 1] for i, j in ROUND]
-        corners = (np.array(local) @ world)[:, :3]
-        corners /= np.linalg.norm(corners, axis=-1, keepdims=True)
+        own = corners(light)
         for quad in quads:
-            if not quad.covers(corners.mean(0)[None])[0]:
+            if not quad.covers(own.mean(0)[None])[0]:
                 continue
-            orders = [np.roll(one, k, 0) for one in (corners, corners[::-1]) for k in range(4)]
+            orders = [np.roll(one, k, 0) for one in (own, own[::-1]) for k in range(4)]
             away = min(
                 float(np.arccos(np.clip((one * quad.corners).sum(-1), -1, 1)).max())
                 for one in orders

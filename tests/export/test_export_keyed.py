@@ -17,10 +17,11 @@ from torch import Tensor
 from asglight.cli.main import main
 from asglight.export import read_json
 from asglight.export.environment import environment
-from asglight.export.keyed import facing_irradiance, irradiance_terms, polynomials
+from asglight.export.keyed import irradiance_terms, polynomials
 from asglight.images import read_latlong, write_exr
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import stack
+from asglight.lobes.rectangles import rectangles
 from asglight.sphere import latlong
 from asglight.usd import read_keys
 
@@ -56,8 +57,8 @@ def test_the_irradiance_of_an_even_sphere_is_pi() -> None:
 def test_the_irradiance_of_a_card_is_its_integral(size: tuple[float, float]) -> None:
     p, q = size
     wanted = integrate.dblquad(lambda y, x: (1 + x * x + y * y) ** -2, -p, p, -q, q)[0]
-    found = facing_irradiance(torch.tensor(size, dtype=torch.float64))
-    assert float(found) == pytest.approx(wanted, rel=1e-7)
+    extent, eye = torch.tensor(size, dtype=torch.float64), torch.eye(3, dtype=torch.float64)
+    assert float(rectangles(eye, extent, None).irradiance()) == pytest.approx(wanted, rel=1e-7)
 
 
 @pytest.fixture

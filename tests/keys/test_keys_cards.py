@@ -70,7 +70,7 @@ def test_covered_texels_sum_to_the_solid_angle_of_the_card() -> None:
     grid = Grid.of(64, 128)
     place = np.arange(64 * 128)
     for lamp in PLACES.values():
-        card = Card(lamp.axes, lamp.extent)
+        card = Card.facing(lamp.axes, lamp.extent)
         patch = Patch.of(place, grid)
         p, q = lamp.extent
         nodes, weights = np.polynomial.legendre.leggauss(64)
@@ -94,7 +94,7 @@ def test_half_extents_have_the_mean_squares_asked_for(extent: tuple[float, float
 
 def test_light_that_a_card_shows_beyond_its_patch_counts_as_off() -> None:
     grid = Grid.of(64, 128)
-    card = Card(PLACES["a window"].axes, PLACES["a window"].extent)
+    card = Card.facing(PLACES["a window"].axes, PLACES["a window"].extent)
     whole = Patch.of(np.arange(64 * 128), grid)
     some = whole.place[whole.covered(card) > 0][::2]
     patch = Patch.of(some, grid)
@@ -106,14 +106,14 @@ def test_light_that_a_card_shows_beyond_its_patch_counts_as_off() -> None:
 
 def test_frames_follow_the_frame_before_through_quarter_turns() -> None:
     lamp = PLACES["ahead"]
-    before = Card(lamp.axes, lamp.extent)
+    before = Card.facing(lamp.axes, lamp.extent)
     x, y, z = lamp.axes
     for axes, extent in (
         (np.stack([y, -x, z]), lamp.extent[::-1]),
         (np.stack([-x, -y, z]), lamp.extent),
         (np.stack([-y, x, z]), lamp.extent[::-1]),
     ):
-        same = rectangles.aligned(Card(axes, extent), before)
+        same = rectangles.aligned(Card.facing(axes, extent), before)
         np.testing.assert_allclose(same.axes, before.axes, atol=1e-12)
         np.testing.assert_allclose(same.extent, before.extent)
     first = rectangles.aligned(before, None)

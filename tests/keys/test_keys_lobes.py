@@ -7,6 +7,7 @@ import torch
 from key_cases import Rectangle
 
 from asglight.keys.lobes import as_lobes, card_squares
+from asglight.keys.rectangles import Card
 from asglight.lobes import asg
 from asglight.usd.lights import cards
 
@@ -19,10 +20,11 @@ LAMPS = (
 
 
 def test_a_card_comes_back_with_its_size_and_flux() -> None:
-    axes = np.stack([lamp.axes for lamp in LAMPS])
     extent = np.stack([lamp.extent for lamp in LAMPS])
     flux = np.array([[1.0, 2.0, 3.0], [0.5, 0.0, 0.1], [9.0, 8.0, 7.0], [0.0, 0.0, 0.0]])
-    lobes = as_lobes(axes, extent, flux)
+    lobes = as_lobes([[Card.facing(lamp.axes, lamp.extent) for lamp in LAMPS]], flux[None])[0]
+    assert lobes.slant is not None
+    assert not lobes.slant.any()
     found = cards.half_extent(cards.mean_squares(asg.moments(lobes)))
     np.testing.assert_allclose(found.numpy(), extent, rtol=1e-4)
     torch.testing.assert_close(asg.flux(lobes), torch.from_numpy(flux), rtol=1e-9, atol=1e-12)

@@ -14,7 +14,7 @@ ROWS = 64
 
 
 def card_of(lamp: Rectangle) -> Card:
-    return Card(lamp.axes, lamp.extent)
+    return Card.facing(lamp.axes, lamp.extent)
 
 
 def test_the_first_texel_of_the_first_row_is_at_plus_x_and_plus_y() -> None:

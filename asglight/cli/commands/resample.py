@@ -2,7 +2,6 @@
 """`asglight resample`: the light of a stage at another frame rate, or faster or slower."""
 
 import argparse
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from asglight.cli.commands.info import RESAMPLED, resampled_lines
 from asglight.cli.commands.stitch import check_apart
 from asglight.cli.frames import warn_of_unread
+from asglight.cli.options.key_options import key_lines
 from asglight.cli.options.parser import (
     add_follow_option,
     add_json_option,
@@ -29,11 +29,6 @@ if TYPE_CHECKING:
 EXAMPLE = (
     "asglight resample shot.usda -o wall.usda --fps 60\n"
     "         asglight resample shot.usda -o slow.usda --speed 0.5 --frames 1010-1020"
-)
-
-NO_KEYS = (
-    "has no keys, for there are no images between those of the rest; its lobes are its light. "
-    "To keep the keys, keep the frame rate."
 )
 
 
@@ -57,10 +52,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read a stage, take its light at other times, write it and say what it is."""
-    from asglight.lobes.resampling import resampled
+    from asglight.lobes.resampling import resampled, resampled_times
     from asglight.shots.conditioning import with_condition
+    from asglight.shots.keyed.sources import resampled_keys
     from asglight.usd import read_stage, write_usd
-    from asglight.usd.options import Representation, without_keys
+    from asglight.usd.options import Representation
     from asglight.usd.read.read_options import read_options
 
     if arguments.fps is None and arguments.speed == 1 and arguments.frames is None:
@@ -79,16 +75,18 @@ def run(arguments: argparse.Namespace) -> int:
     new = resampled(old, arguments.fps, arguments.speed, span)
     new = with_condition(replace(new, metadata=_metadata(arguments, old, span)))
     options = read_options(arguments.stage, arguments.rig)
-    had_keys = Representation.KEYS in options.held
-    options = replace(without_keys(options), **given_stage_options(arguments))
-    written = write_usd(new, arguments.output, **vars(options))
+    options = replace(options, **given_stage_options(arguments))
+    keys = None
+    if "keys" in old.metadata and Representation.KEYS in options.held:
+        times = resampled_times(old, arguments.fps, arguments.speed, span)
+        told = old.metadata["keys"]
+        keys = resampled_keys(arguments.stage, arguments.rig, new, times, told)
+    written = write_usd(new, arguments.output, **vars(options), keys=keys)
     document = as_document(new, written, arguments.output, reading.changes)
     if arguments.json:
         print_json(document)
     else:
         print("\n".join(summary_lines(document)))
-    if had_keys:
-        print(f"asglight: {shown(arguments.output)}: {NO_KEYS}", file=sys.stderr)
     warn_of_unread(arguments.stage, reading)
     return 0
 
@@ -148,6 +146,7 @@ def as_document(
         "samples_between": written.samples_between,
         "changes": list(changes),
         RESAMPLED: tracks.metadata[RESAMPLED],
+        **({} if written.keys is None else {"keys": written.keys}),
     }
 
 
@@ -160,4 +159,5 @@ def summary_lines(document: Mapping[str, Any]) -> list[str]:
         f"{document['fps']:g} fps, {size(document['bytes'])}"
     )
     edited = [f"edited: {change}" for change in document["changes"]]
-    return [head, *resampled_lines(document[RESAMPLED]), *edited]
+    resampled = resampled_lines(document[RESAMPLED])
+    return [head, *resampled, *key_lines(document.get("keys")), *edited]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from asglight.cli.commands.info import part_lines
+from asglight.cli.options.key_options import key_lines
 from asglight.cli.options.parser import add_follow_option, add_json_option
 from asglight.cli.options.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.cli.printing import counted, frame_range, print_json, size
@@ -22,8 +23,7 @@ EXAMPLE = (
 )
 
 KEYS_LEFT_OUT = (
-    "keys: none; they are cut from the images of the whole shot. "
-    "Cut them with: asglight keys {} --reference IMAGES"
+    "keys: none, for not every part has keys. Cut them with: asglight keys {} --reference IMAGES"
 )
 
 
@@ -105,7 +105,8 @@ def as_document(joined: Joined, output: str) -> dict[str, Any]:
         "fps": tracks.fps,
         "frames": list(tracks.frames),
         "parts": tracks.metadata["parts"],
-        "keys_left_out": joined.had_keys,
+        **({} if joined.written.keys is None else {"keys": joined.written.keys}),
+        "keys_left_out": joined.keys_left_out,
     }
 
 
@@ -118,4 +119,4 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
         f"{size(document['bytes'])}, from {counted(len(document['parts']), 'part')}"
     )
     left_out = [KEYS_LEFT_OUT.format(shown(document["output"]))] * document["keys_left_out"]
-    return [head, *part_lines(document["parts"]), *left_out]
+    return [head, *part_lines(document["parts"]), *key_lines(document.get("keys")), *left_out]

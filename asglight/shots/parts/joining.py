@@ -33,18 +33,18 @@ class Joined:
     Attributes:
         tracks: The lobes, as written; `parts` of the metadata is the account of the parts.
         written: What was written.
-        had_keys: Whether parts have keys, which the shot has not.
+        keys_left_out: Whether some parts have keys, which the shot has not as others have none.
     """
 
     tracks: LobeTracks
     written: "WriteReport"
-    had_keys: bool = False
+    keys_left_out: bool = False
 
 
 def join(
     files: Sequence[str], output: str, given: Mapping[str, Any] = MappingProxyType({})
 ) -> Joined:
-    """Read parts, stitch them and write the shot as the first part was written, without keys.
+    """Read parts, stitch them and write the shot as the first part was written.
 
     Args:
         files: Stages of the parts, in any order.
@@ -54,8 +54,9 @@ def join(
     Raises:
         InputError: A part cannot be read, they do not make up a shot, or it cannot be written.
     """
+    from asglight.shots.keyed.sources import stitched_keys
     from asglight.usd import read_usd, write_usd  # loads pxr
-    from asglight.usd.options import without_keys
+    from asglight.usd.options import Representation, without_keys
     from asglight.usd.read.read_options import read_options
 
     parts = sorted(((read_usd(file), file) for file in files), key=lambda pair: pair[0].frames)
@@ -63,9 +64,15 @@ def join(
     account = [row for part, file in parts for row in part_rows(part, file)]
     metadata = {name: tracks.metadata[name] for name in tracks.metadata if name not in OF_FRAMES}
     tracks = with_condition(replace(tracks, metadata=metadata | {"parts": account}))
-    options = replace(without_keys(read_options(parts[0][1])), **given)
+    options = replace(read_options(parts[0][1]), **given)
+    keys = None
+    if Representation.KEYS in options.held:
+        names = [shown(file) for _, file in parts]
+        keys = stitched_keys([file for _, file in parts], [part for part, _ in parts], names)
+        options = options if keys else without_keys(options)
     had_keys = any("keys" in part.metadata for part, _ in parts)
-    return Joined(tracks, write_usd(tracks, output, **vars(options)), had_keys)
+    written = write_usd(tracks, output, **vars(options), keys=keys)
+    return Joined(tracks, written, had_keys and "representations" not in given and keys is None)
 
 
 def part_rows(part: LobeTracks, file: str) -> list[dict[str, Any]]:

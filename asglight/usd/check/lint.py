@@ -220,13 +220,14 @@ def _mean_light(card: Usd.Prim, image: NDArray[np.float32]) -> float:
     rows = image.mean(-1, dtype=np.float64)
     if card.GetParent().GetName() != schema.KEYS:
         return float(rows.mean())
-    distance = card.GetAttribute(schema.TRANSLATE).Get()[2]
     high, wide = rows.shape
     y, x = (
-        (2 * (np.arange(count) + 0.5) / count - 1) * card.GetAttribute(name).Get() / 2 / distance
+        (1 - 2 * (np.arange(count) + 0.5) / count) * card.GetAttribute(name).Get() / 2
         for count, name in ((high, schema.HEIGHT), (wide, schema.WIDTH))
     )
-    weight = (1 + x * x + (y * y)[:, None]) ** -1.5
+    to_lobe = np.array(UsdGeom.Xformable(card).GetLocalTransformation())
+    origin = np.linalg.inv(to_lobe)[3, :3]  # seen from the card
+    weight = ((x - origin[0]) ** 2 + (y - origin[1])[:, None] ** 2 + origin[2] ** 2) ** -1.5
     return float((rows * weight).sum() / weight.sum())
 
 

@@ -18,15 +18,16 @@ So the mean squares asked for give 1 + p^2 and 1 + q^2 from s alone, and s is a 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import torch
 from pxr import Gf, Sdf
 from torch import Tensor
 
-from asglight.lobes import asg, texels
+from asglight.lobes import asg, frames, texels
 from asglight.lobes.data import Form, Lobes
+from asglight.lobes.rectangles import Rectangles, rectangles
 from asglight.usd import schema
 from asglight.usd.lights import card_texture
 from asglight.usd.lights.emission import intensity_and_color, tinted
@@ -260,6 +261,47 @@ def values(
     return found
 
 
+def rectangles_of(lobes: Lobes, moments: asg.Moments | None = None) -> Rectangles:
+    """Return the one card of each lobe, where it stands: with its slant where it has one.
+
+    Args:
+        lobes: N lobes, float64, with any batch shape.  [..., N, .]
+        moments: Theirs, where they are known.  [..., N, .]
+    """
+    own = half_extent(mean_squares(moments or asg.moments(lobes)))
+    return rectangles(lobes.axes, own, lobes.slant)
+
+
+def _slanted(lobes: Lobes, moments: asg.Moments, distance: float) -> Light | None:
+    """Return the one card of a lobe that is slanted in a frame, None where it never is.
+
+    Args:
+        lobes: One lobe in F frames.  [F, 1, .]
+        moments: Theirs, float64.  [F, 1, .]
+        distance: From the origin to the card, in stage units.
+    """
+    if lobes.slant is None or not bool((lobes.slant != 0).any()):
+        return None
+    lobes = lobes.to(torch.float64)
+    at_rest = replace(lobes, axes=torch.eye(3, dtype=torch.float64).expand(lobes.axes.shape))
+    found = rectangles_of(at_rest, moments)  # in the lobe's own frame
+    flux = lobes.amplitude * moments.zeroth[..., None]
+    intensity, color = intensity_and_color(flux / found.solid_angle()[..., None])
+    sizes = 2 * distance * found.half
+    turns = frames.continuous_quaternions(frames.quaternion_from_axes(found.axes))
+    tracks = {
+        schema.WIDTH: sizes[..., :1],
+        schema.HEIGHT: sizes[..., 1:],
+        schema.INTENSITY: intensity[..., None],
+        schema.COLOR: tinted(intensity, color),
+        schema.TRANSLATE: distance * found.middle,
+        schema.ORIENT_SLANT: turns,
+    }
+    ops = (schema.TRANSLATE, schema.ORIENT_SLANT)
+    own = {name: values[:, 0] for name, values in tracks.items()}
+    return Light("", own, {schema.NORMALIZE: False}, ops)
+
+
 def lights(
     lobes: Lobes,
     moments: asg.Moments,
@@ -277,8 +319,12 @@ def lights(
         texture: That of the cards, relative to the stage; empty where there is none.
     """
     found: list[list[Light]] = [[] for _ in chosen]
+    for member, own in enumerate(found):
+        index = torch.tensor([member])
+        slanted = _slanted(lobes.select(index), moments.select(index), distance)
+        own += [slanted] if slanted else []
     for kind in Kind:
-        members = [index for index, one in enumerate(chosen) if one is kind]
+        members = [k for k, one in enumerate(chosen) if one is kind and not found[k]]
         index = torch.tensor(members, dtype=torch.long)
         own = values(lobes.select(index), moments.select(index), distance, kind)
         for piece, tracks in own.items():

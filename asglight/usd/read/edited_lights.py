@@ -46,6 +46,9 @@ STEPS = 40
 """Of the fixed point from sizes to sharpness: narrow lobes, whose squared sines are in inverse
 proportion to it, need one; broad ones, whose sines change less, the more."""
 
+RESLANTED = 0.02
+"""Of each number of a slant, about a degree: what is told of as an edit."""
+
 Derived = Callable[[Lobes], LobeLights]
 """From a lobe to its lights, taken together as those that were written."""
 
@@ -148,6 +151,7 @@ def _with_lights(view: View, prims: Sequence[Usd.Prim], lobes: Lobes) -> tuple[L
             continue
         was = written.together(written.lights)
         words = _words(view, was, held, view.written_at(prim))
+        words += _slant_words(own, held, view.written_at(prim))
         if words:
             changes.append(f"{prim.GetPath()}: {', '.join(words)}")
 
@@ -158,6 +162,8 @@ def _with_lights(view: View, prims: Sequence[Usd.Prim], lobes: Lobes) -> tuple[L
             lobes.axes[:, index] = changed.axes[:, 0]
             lobes.sharpness[:, index] = changed.sharpness[:, 0]
             lobes.amplitude[:, index] = changed.amplitude[:, 0]
+            if lobes.slant is not None and changed.slant is not None:
+                lobes.slant[:, index] = changed.slant[:, 0]
     return lobes, changes
 
 
@@ -181,6 +187,14 @@ def _words(view: View, was: LobeLights, held: LobeLights, written: NDArray[np.bo
     return [*words, *held.apart]
 
 
+def _slant_words(own: Lobes, held: LobeLights, written: NDArray[np.bool_]) -> list[str]:
+    """Say that a key stands otherwise than it did."""
+    if held.slant is None or own.slant is None:
+        return []
+    off = np.abs(held.slant - own.slant[:, 0].numpy())[written]
+    return ["slanted otherwise"] if float(off.max()) > RESLANTED else []
+
+
 def _factor(name: str, was: Array, held: Array) -> list[str]:
     """Say by how much a value is larger, over the frames; nothing where it is the same.  [F]."""
     if not bool((np.abs(held - was) > EDITED * np.abs(was)).any()):
@@ -199,6 +213,9 @@ def _changed(view: View, own: Lobes, was: LobeLights, held: LobeLights, derived:
     if held.turn is not None:
         own = replace(own, axes=own.axes @ torch.from_numpy(held.turn)[:, None])
     resized = np.any(np.abs(held.sizes - was.sizes) > EDITED * was.sizes, axis=-1, keepdims=True)
+    if held.slant is not None:
+        own = replace(own, slant=torch.from_numpy(held.slant)[:, None])
+        resized = np.ones_like(resized)
     if resized.any():
         own = replace(own, sharpness=_sharpness(view, own, held.sizes, resized, derived))
     light_changed = resized | (np.abs(held.light - was.light) > EDITED * was.light)

@@ -10,7 +10,7 @@ Dimension letters: F frames, L lights of a lobe, S sizes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 from pxr import Gf, Usd, Vt
 
 from asglight.lobes import Lobes, frames
+from asglight.lobes.data import SLANT
+from asglight.lobes.rectangles import seen_as, slant_of
 from asglight.usd import schema
 from asglight.usd.lights import cards
 from asglight.usd.lights.light import Light
-from asglight.usd.read.seen_cards import seen_from_origin
+from asglight.usd.read.seen_cards import seen_from_origin, seen_rectangles
 from asglight.usd.read.view import View
 from asglight.usd.stage import DamagedValueError, prims_below
 
@@ -38,6 +40,9 @@ SIDE_MOVED = 2e-3
 """Of a component of the quaternion that tilts an outer distant light. The tilt is the root of a
 difference of mean squares: where a lobe is nearly round, the 3e-6 of it that samples may be off
 tilt by 2e-3, a component by half as much."""
+
+SLANTED = 1e-3
+"""Of each number of a slant: less is the rounding of a card that faces the origin."""
 
 APART_DEG = 0.5
 """Between the turns of a lobe's lights; two of SIDE_MOVED."""
@@ -55,12 +60,14 @@ class LobeLights:
         turn: From the authored frame to the edited one, for row vectors; None where the transforms
             are as authored.  [F, 3, 3]
         apart: What was done to some of the lights only, in words.
+        slant: Of a key that is not as authored, how its card stands in the frame so turned.  [F, 7]
     """
 
     sizes: Array
     light: Array
     turn: Array | None = None
     apart: tuple[str, ...] = ()
+    slant: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +88,7 @@ class Written:
     def of(cls, view: View, lights: Sequence[Light]) -> Self:
         """Take a lobe's lights: cards by their solid angles, distant lights alike."""
         weights = np.ones((len(view.times), len(lights)))
-        if view.is_cards:
+        if view.is_cards and len(lights) > 1:
             for index, light in enumerate(lights):
                 extent = _sizes(view, light) / (2 * light.constants[schema.TRANSLATE][2])
                 weights[:, index] = cards.solid_angle(torch.from_numpy(extent)).numpy()
@@ -119,6 +126,8 @@ def held_lights(prim: Usd.Prim, own: Lobes, written: Written) -> LobeLights | No
     found = _found(view, prim, written.lights)
     if not any(found):
         return None
+    if view.is_cards and own.slant is not None and found[0]:
+        return _held_key(view, prim, found[0], own, written.lights[0])
     sizes, light, turns = [], [], []
     for one, authored in zip(found, written.lights, strict=True):
         size, value, turn = _sizes(view, authored), np.zeros((len(view.times), 3)), None
@@ -235,13 +244,43 @@ def _met(
     axes, place = rows[:, :3], rows[:, 3]
     if view.is_cards and np.linalg.norm(place, axis=-1).min() > 0:
         seen = seen_from_origin(axes, place, sizes)
-        sizes = 2 * seen.half_extents * authored.constants[schema.TRANSLATE][2]
+        whole = authored.constants.get(schema.TRANSLATE, (0, 0, view.distance))[2]
+        sizes = 2 * seen.half_extents * whole
         frames_met, value = seen.frames, value * seen.dimming[:, None]
     else:
         frames_met = frames.orthonormal(torch.from_numpy(axes)).numpy()
     if not np.isfinite(frames_met).all():
         raise DamagedValueError(f"{light.GetPath()} is turned by no rotation")
     return sizes, _lit(value), np.swapaxes(_aimed(own, authored), -1, -2) @ frames_met
+
+
+def _held_key(
+    view: View, prim: Usd.Prim, light: Usd.Prim, own: Lobes, authored: Light
+) -> LobeLights:
+    """Return what the card of a key is met as: a rectangle that may stand anyhow.
+
+    A parallelogram is met as the card that faces the origin and is seen alike.
+    """
+    sizes, value, turn = _met(view, prim, light, own, authored)
+    if light != prim:
+        value = value * ~view.hidden(light)[:, None]
+    if turn is None:
+        return LobeLights(sizes, value)
+    rows = view.placement.relative(view.world(light))
+    own_sizes = np.concatenate([view.values(light, name, 1.0) for name in view.size_names], -1)
+    found = seen_rectangles(rows[:, :3], rows[:, 3], own_sizes)
+    if found is None:
+        return LobeLights(sizes, value, turn, slant=np.zeros((len(sizes), SLANT)))
+    rectangle, faces = found
+    axes, squares = seen_as(rectangle)
+    axes = frames.align(replace(own, axes=axes[:, None], slant=None), own).axes[:, 0]
+    slant = slant_of(rectangle, axes, cards.half_extent(squares)).numpy()
+    slant[np.abs(slant).max(-1) < SLANTED] = 0
+    turn = np.swapaxes(own.axes[:, 0].numpy(), -1, -2) @ axes.numpy()
+    radiance = _lit(_light(view, light, own_sizes) * faces[:, None])
+    if light != prim:
+        radiance = radiance * ~view.hidden(light)[:, None]
+    return LobeLights(2 * view.distance * rectangle.half.numpy(), radiance, turn, slant=slant)
 
 
 def _aimed(own: Lobes, light: Light) -> Array:
@@ -270,6 +309,11 @@ def _is_as_authored(view: View, prim: Usd.Prim, light: Usd.Prim, authored: Light
         attribute = light.GetAttribute(name)
         if name in authored.constants:
             if attribute.GetTimeSamples() or attribute.Get() != authored.constants[name]:
+                return False
+            continue
+        if name == schema.TRANSLATE:
+            places, was = view.values(light, name, Gf.Vec3d(0)), authored.tracks[name].numpy()
+            if bool((np.abs(places - was) > SIDE_MOVED * view.distance).any()):
                 return False
             continue
         turns, was = view.values(light, name, Gf.Quatf(1)), authored.tracks[name].numpy()

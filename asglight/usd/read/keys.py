@@ -11,17 +11,19 @@ from pxr import Usd
 from asglight.images import ocio
 from asglight.lobes import LobeTracks
 from asglight.usd import schema
+from asglight.usd.options import KeyLights
 from asglight.usd.read.edited_lights import hidden_lobes, switched_off, with_key_edits
 from asglight.usd.read.placement import placement_of
 from asglight.usd.read.read_options import card_distance_of
 from asglight.usd.read.rest import Rest, read_rest
 from asglight.usd.read.times import frame_numbers
-from asglight.usd.read.tracks import darkened, known_space, lobes_at
+from asglight.usd.read.tracks import darkened, known_space, lobes_at, slants_at
 from asglight.usd.read.view import View
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import in_colorspace
 from asglight.usd.stage import (
     held_representations,
+    key_lights,
     lobe_prims,
     name_of,
     open_rig,
@@ -85,6 +87,7 @@ def read_keys(path: str | Path | Usd.Stage, rig: str | None = None) -> Keys | No
         if not prims:
             return Keys(None, rest, times, fps, (*gone, *rest.changes))
         lobes = lobes_at(name_of(path), prims, times)
+        lobes = replace(lobes, slant=slants_at(name_of(path), prims, times))
         lobes, changes = with_key_edits(
             prim, prims, lobes, times, distance, placement, space.colorspace
         )
@@ -108,3 +111,41 @@ def read_shown_keys(path: str | Path, rig: str | None = None) -> Keys | None:
     """
     shows, _ = representations_of(path, rig)
     return read_keys(path, rig) if shows == Representation.KEYS else None
+
+
+@dataclass(frozen=True)
+class HeldKeys:
+    """The keys of a stage, what they shine as, and the pixels of their lamps.
+
+    Attributes:
+        keys: The keys.
+        lights: What they shine as.
+        textures: Of each key its image at each frame, as USD resolves it; empty without.
+    """
+
+    keys: Keys
+    lights: KeyLights
+    textures: tuple[tuple[str, ...], ...]
+
+
+def held_keys(path: str | Path, rig: str | None = None) -> HeldKeys | None:
+    """Read the keys of a stage with all that they shine with; None of a stage without keys.
+
+    Raises:
+        InputError: As `read_keys`.
+    """
+    found = read_keys(path, rig)
+    if found is None:
+        return None
+    stage, prim = open_rig(path, rig)
+    stage.SetEditTarget(stage.GetSessionLayer())
+    show(prim, Representation.KEYS)
+    prims = lobe_prims(prim, schema.KEYS)
+    return HeldKeys(found, key_lights(prims), tuple(_textures(one, found.times) for one in prims))
+
+
+def _textures(prim: Usd.Prim, frames: tuple[int, ...]) -> tuple[str, ...]:
+    attribute = prim.GetAttribute(schema.TEXTURE)
+    assets = [attribute.Get(frame) if attribute else None for frame in frames]
+    found = tuple(getattr(one, "resolvedPath", "") for one in assets)
+    return found if all(found) else ()

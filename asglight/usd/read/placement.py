@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from asglight.lobes import Lobes, LobeTracks
+from asglight.lobes.rectangles import mirrored_slant
 from asglight.usd.spaces import from_y_up, space_of
 from asglight.usd.stage import DamagedValueError
 
@@ -148,7 +149,8 @@ def turned(lobes: Lobes, turns: Array) -> Lobes:
     axes = lobes.axes @ matrices[:, None]
     hand = torch.from_numpy(np.sign(np.linalg.det(turns))).to(axes)
     one = torch.ones_like(hand)
-    return replace(lobes, axes=axes * torch.stack([one, hand, one], -1)[:, None, :, None])
+    axes = axes * torch.stack([one, hand, one], -1)[:, None, :, None]
+    return replace(lobes, axes=axes, slant=mirrored_slant(lobes.slant, hand[:, None]))
 
 
 def as_written(tracks: LobeTracks, placement: Placement) -> LobeTracks:

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from asglight.lobes.rectangles import Rectangles
 from asglight.usd.lights import cards
 
 NODES = 24
@@ -25,6 +26,9 @@ them, one of 60 degrees 1e-9."""
 ROUND = 1e-6
 """Of the second moments: how far off-diagonal ones are those of a card that was turned, and not
 rounding. It turns a card by half a millionth, far below what is told of."""
+
+SQUARE = 1e-4
+"""Cosine of the angle between the sides of a rectangle, by rounding."""
 
 Array = NDArray[np.float64]
 
@@ -77,6 +81,35 @@ def seen_from_origin(axes: Array, place: Array, sizes: Array) -> Seen:
     own = cards.solid_angle(torch.from_numpy(extents)).numpy()
     dimming = np.where(height > 0, whole / np.maximum(own, 1e-300), 0.0)
     return Seen(frames, extents, dimming)
+
+
+def seen_rectangles(
+    axes: Array, place: Array, sizes: Array
+) -> tuple[Rectangles, NDArray[np.bool_]] | None:
+    """Return rectangles that are seen, with their middles at distance 1.
+
+    Args:
+        axes: Images of the light's x, y and z axis, of any length.  [F, 3, 3]
+        place: Of its centre.  [F, 3]
+        sizes: Its width and height.  [F, 2]
+
+    Returns:
+        The rectangles, and whether they shine at the origin [F]; None where one is none, but a
+        parallelogram, or is at the origin.
+    """
+    sides = axes[:, :2] * sizes[..., None]
+    lengths, distance = np.linalg.norm(sides, axis=-1), np.linalg.norm(place, axis=-1)
+    if not (lengths.min() > 0 and distance.min() > 0):
+        return None
+    x, y = sides[:, 0] / lengths[:, :1], sides[:, 1] / lengths[:, 1:]
+    if np.abs((x * y).sum(-1)).max() > SQUARE:
+        return None
+    z = np.cross(x, y)
+    height = (axes[:, 2] * place).sum(-1)
+    hand = np.where((z * place).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+    values = place / distance[:, None], np.stack([x, hand * y, hand * z], 1)
+    middle, turned = (torch.from_numpy(one) for one in values)
+    return Rectangles(middle, turned, torch.from_numpy(lengths / 2 / distance[:, None])), height > 0
 
 
 def _frames(second: Array, x: Array, place: Array) -> Array:

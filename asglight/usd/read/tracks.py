@@ -173,6 +173,18 @@ def lobes_at(path: str, prims: list[Usd.Prim], times: Sequence[float]) -> Lobes:
     )
 
 
+def slants_at(path: str, prims: list[Usd.Prim], times: Sequence[float]) -> torch.Tensor:
+    """Return what the attributes of keys say of their slants at some times.  [T, K, 7]."""
+
+    def of(prim: Usd.Prim, name: str) -> NDArray[np.float64]:
+        if not prim.GetAttribute(name):
+            return np.zeros((len(times), 3 if name == schema.TURN else 2))
+        return _track(path, prim, name, times, lambda rows: np.abs(rows).max(-1) < 100, "numbers")
+
+    rows = [np.concatenate([of(prim, name) for name in schema.SLANT_TRACKS], -1) for prim in prims]
+    return torch.from_numpy(np.stack(rows, axis=1)).float()
+
+
 def _track(
     path: str,
     prim: Usd.Prim,

@@ -142,10 +142,13 @@ def constant(prim: Sdf.PrimSpec, name: str, value: Any) -> Sdf.AttributeSpec:
 
 
 def _to_gf(values: NDArray[np.float32], kind: Sdf.ValueTypeName) -> list[Any]:
-    """Convert rows to what USD stores: float, Vec2f, Vec3f or Quatf.  [F, K] -> F values."""
+    """Convert rows to what USD stores: float, Vec2f, Vec3f, Vec3d or Quatf.  [F, K] -> F values."""
     if kind == Sdf.ValueTypeNames.Float:
         return values[:, 0].tolist()
     if kind == Sdf.ValueTypeNames.Quatf:  # whose arrays have the real part last
         return list(Vt.QuatfArray.FromNumpy(np.roll(values, -1, axis=-1)))
-    arrays = {Sdf.ValueTypeNames.Float2: Vt.Vec2fArray, Sdf.ValueTypeNames.Color3f: Vt.Vec3fArray}
-    return list(arrays[kind].FromNumpy(np.ascontiguousarray(values)))
+    if kind == Sdf.ValueTypeNames.Double3:
+        return list(Vt.Vec3dArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float64)))
+    is_pair = kind == Sdf.ValueTypeNames.Float2
+    arrays = Vt.Vec2fArray if is_pair else Vt.Vec3fArray
+    return list(arrays.FromNumpy(np.ascontiguousarray(values)))

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from asglight.lobes import Lobes, asg, frames, motion
+from asglight.lobes.data import combined
 from asglight.usd.lights import cards
 from asglight.usd.lights.emission import intensity_and_color, tinted
 from asglight.usd.write.samples import DOT_MIN
@@ -43,6 +44,10 @@ of what is allowed, whatever the light (tests/usd/write/test_usd_between.py)."""
 
 LARGE = 0.5
 """Of log sharpness: spans that change by more are looked at in five places, others in three."""
+
+SLANT_STEP = 0.12
+"""Of each number of a slant, between samples: size, place and light, each interpolated by itself,
+then stray by the square of half of it, 4e-3."""
 
 BESIDE_BLACK = 2.0**-10
 """Of a span, from a black sample to the one that has the shape of the light beside it."""
@@ -125,7 +130,19 @@ class Shot:
                     for share, pieces in levels
                 ]
                 inserted.append(_needed(own.where, Together(of_kind)))
-        return self._of_lights(inserted)
+        return self._of_lights([*inserted, *self._slanting()])
+
+    def _slanting(self) -> list["_Inserted"]:
+        """Return the samples that keys need whose cards slant on: even steps, small enough."""
+        if self._lobes.slant is None:
+            return []
+        change = (self._lobes.slant[1:] - self._lobes.slant[:-1]).abs().amax(-1) * self._lit
+        place, lobe = torch.nonzero(change > SLANT_STEP, as_tuple=True)
+        count = (change[place, lobe] / SLANT_STEP).ceil().long()
+        which = torch.repeat_interleave(torch.arange(len(place)), count - 1)
+        first = torch.cumsum(count - 1, 0) - (count - 1)
+        number = torch.arange(len(which)) - first[which] + 1
+        return [_Inserted(place[which], lobe[which], STEPS * number // count[which])]
 
     def of_distant(self, threefold: Sequence[bool]) -> list[Sampled]:
         """Return each lobe, in the shapes of its light, with what its distant lights need.
@@ -173,6 +190,7 @@ class Shot:
                 axes=torch.stack([one.axes for one in steps], 1),
                 sharpness=torch.stack([one.sharpness for one in steps], 1),
                 amplitude=torch.stack([one.amplitude for one in steps], 1),
+                slant=None,
             )
             inner = asg.moments(lobes[:, 1:-1])
             moments = asg.Moments(
@@ -239,12 +257,7 @@ class Shot:
                 """Return the frames of a lobe and its samples between, in order."""
                 return torch.cat([own[:, index], more[extra]])[order][:, None]
 
-            joined = Lobes(
-                merged(lobes.axes, moved.axes),
-                merged(lobes.sharpness, moved.sharpness),
-                merged(lobes.amplitude, moved.amplitude),
-                lobes.form,
-            )
+            joined = combined([lobes, moved], lambda pair, merged=merged: merged(pair[0], pair[1]))
             found.append(Sampled(np.sort(every), joined))
         return found
 

@@ -4,17 +4,13 @@
 import shutil
 from pathlib import Path
 
-from pxr import Usd
-
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
-from asglight.usd import schema
-from asglight.usd.read.keys import Keys, read_keys
+from asglight.usd.read.keys import held_keys
 from asglight.usd.read.placement import turn_words
-from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space
-from asglight.usd.stage import image_file, key_lights, lobe_prims, open_rig, show
+from asglight.usd.stage import image_file
 from asglight.usd.write.keys import WrittenKeys
 
 
@@ -30,22 +26,17 @@ class KeptKeys:
         Raises:
             InputError: Its rest was changed, which the images that are copied do not show.
         """
-        found = read_keys(path)
+        found = held_keys(path)
         assert found is not None
-        self._keys: Keys = found
-        changes = [*found.rest.changes, *turn_words(found.rest.turns)]
+        self._keys, self._lights, self._textures = found.keys, found.lights, found.textures
+        rest = found.keys.rest
+        changes = [*rest.changes, *turn_words(rest.turns)]
         if changes:
             raise InputError(
                 f"{shown(path)}: the rest was changed ({changes[0]}), which its images do not "
                 "show; expected it as it was written. Undo that, or cut the keys anew: asglight "
                 f"keys {shown(path)} --reference IMAGES."
             )
-        stage, rig = open_rig(path)
-        stage.SetEditTarget(stage.GetSessionLayer())
-        show(rig, Representation.KEYS)
-        prims = lobe_prims(rig, schema.KEYS)
-        self._lights = key_lights(prims)
-        self._textures = [_textures(prim, found.times) for prim in prims]
 
     def write(self, tracks: LobeTracks, folder: Path, stem: str, space: Space) -> WrittenKeys:
         """Copy the images of rest and textures; arguments as of `keys.KeySource`."""
@@ -77,11 +68,3 @@ class KeptKeys:
         document = tracks.metadata.get("keys", {})
         called = {} if keys is None else keys.display_names
         return WrittenKeys(names, lobes, rest, tuple(textures), self._lights, document, called)
-
-
-def _textures(prim: Usd.Prim, frames: tuple[int, ...]) -> tuple[str, ...]:
-    """Return the image of a key at each frame, as USD resolves it; empty without."""
-    attribute = prim.GetAttribute(schema.TEXTURE)
-    assets = [attribute.Get(frame) if attribute else None for frame in frames]
-    found = tuple(getattr(one, "resolvedPath", "") for one in assets)
-    return found if all(found) else ()

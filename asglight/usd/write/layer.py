@@ -44,6 +44,9 @@ colour, change a card's flux by 4e-4, a fifth of what the shape of the best card
 where a track bends so little that its samples are left out."""
 
 
+SLANT_TOLERANCE = 1e-6
+"""Relative, of the slant of a key, which its lights are derived from."""
+
 KEY_TOLERANCE = 1e-5
 """Relative, likewise of a key: with the rest it is to have the flux of the images to 1e-4."""
 
@@ -157,6 +160,17 @@ def lobe_tracks(lobes: Lobes) -> dict[str, Tensor]:
         schema.SHARPNESS: lobes.sharpness,
         schema.AMPLITUDE: lobes.amplitude,
     }
+
+
+def slant_tracks(lobes: Lobes) -> dict[str, Tensor]:
+    """Return the attributes that say how the card of a key is slanted; none where it never is.
+
+    Args:
+        lobes: One key in T samples.  [T, 1, .]
+    """
+    if lobes.slant is None or not bool((lobes.slant != 0).any()):
+        return {}
+    return dict(zip(schema.SLANT_TRACKS, lobes.slant.split([2, 3, 2], -1), strict=True))
 
 
 TimedLights = tuple[Sequence[Light], NDArray[np.float64]]
@@ -291,6 +305,9 @@ def author_in(
             author.track(lobe, attribute, tracks[attribute][:, 0], LOBE_TOLERANCE, one.times)
             for attribute in schema.LOBE_TRACKS
         ]
+        for attribute, values in slant_tracks(one.lobes).items():
+            tracked = author.track(lobe, attribute, values[:, 0], SLANT_TOLERANCE, one.times)
+            authored.append(tracked)
         author_digest(lobe, digest_of_values(authored))
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keys as the rectangles that they are: what they add to a map, and their outlines on it.
 
-A key is the lobe of its card's flux and second moments (`asglight.keys.lobes`), so its card is the
-one that a stage makes of that lobe.
+A key is the lobe of its card's flux, second moments and slant (`asglight.keys.lobes`), so its card
+is the one that a stage makes of that lobe.
 
 Symbols: K keys; H, W rows and columns of a map; P points.
 """
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from asglight.lobes import Lobes, asg
+from asglight.lobes.rectangles import Rectangles
 from asglight.sphere import latlong
 from asglight.viewer.uniforms.outlines import Outline, closed_curve
 
@@ -23,11 +24,15 @@ POINTS = 256
 of a map of 512 rows, so that its edge is right to a sixth of a texel."""
 
 
-def half_extents(keys: Lobes) -> Tensor:
-    """Return the tangents of the half angles of cards.  [K, 2]."""
+def standing(keys: Lobes) -> Rectangles:
+    """Return the rectangles of keys where they stand, in float64.
+
+    Args:
+        keys: Of one frame.  [K, .]
+    """
     from asglight.usd.lights import cards  # pxr, which only keyed stages need
 
-    return cards.half_extent(cards.mean_squares(asg.moments(keys.to(torch.float64))))
+    return cards.rectangles_of(keys.to("cpu", torch.float64))
 
 
 def outlines(keys: Lobes) -> list[Outline]:
@@ -36,21 +41,16 @@ def outlines(keys: Lobes) -> list[Outline]:
     Args:
         keys: Of one frame.  [K, .]
     """
-    found = []
-    axes = keys.axes.to("cpu", torch.float64).numpy()
-    for frame, (p, q) in zip(axes, half_extents(keys).numpy(), strict=True):
-        corners = [(p, q), (-p, q), (-p, -q), (p, -q), (p, q)]
-        arms = [(-p, 0.0), (p, 0.0)], [(0.0, -q), (0.0, q)]
-        curve, *lines = (closed_curve(_directions(frame, points)) for points in (corners, *arms))
-        found.append(Outline(curve, lines[0], lines[1]))
-    return found
+    corners = [(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)]
+    curves = [standing_points(keys, at) for at in (corners, [(-1, 0), (1, 0)], [(0, -1), (0, 1)])]
+    return [Outline(*map(closed_curve, own)) for own in zip(*curves, strict=True)]
 
 
-def _directions(frame: Array, points: list[tuple[float, float]]) -> Array:
-    """Return the directions to points of the plane z = 1 of a frame.  [P, 3]."""
-    local = np.array([(x, y, 1.0) for x, y in points])
-    seen = local @ frame
-    return seen / np.linalg.norm(seen, axis=-1, keepdims=True)
+def standing_points(keys: Lobes, points: list[tuple[int, int]]) -> Array:
+    """Return the directions to points of cards, (1, 1) a corner.  [K, P, 3]."""
+    u, v = torch.tensor(points, dtype=torch.float64).unbind(-1)
+    seen = standing(keys).points(u, v)
+    return torch.nn.functional.normalize(seen, dim=-1).numpy()
 
 
 def with_cards(radiance: NDArray[np.float32], keys: Lobes) -> NDArray[np.float32]:
@@ -63,18 +63,17 @@ def with_cards(radiance: NDArray[np.float32], keys: Lobes) -> NDArray[np.float32
     height, width = radiance.shape[:2]
     found = np.zeros((height * width, 3))
     flux = asg.flux(keys.to("cpu", torch.float64)).numpy()
-    axes = keys.axes.to("cpu", torch.float64).numpy()
-    step = (2 * (np.arange(POINTS) + 0.5) / POINTS - 1)[None]
-    for frame, extent, light in zip(axes, half_extents(keys).numpy(), flux, strict=True):
+    step = 2 * (torch.arange(POINTS, dtype=torch.float64) + 0.5) / POINTS - 1
+    y, x = (one.flatten() for one in torch.meshgrid(step, step, indexing="ij"))
+    for index, light in enumerate(flux):
         if not light.any():
             continue
-        x, y = extent[0] * step, extent[1] * step.T
-        weight = (1 + x * x + y * y) ** -1.5
-        seen = x[..., None] * frame[0] + y[..., None] * frame[1] + frame[2]
-        u, v = (one.numpy() for one in latlong.uv_from_direction(torch.from_numpy(seen)))
+        seen = standing(keys.select(torch.tensor([index]))).points(x, y)[0]
+        weight = (seen.norm(dim=-1) ** -3).numpy()
+        u, v = (one.numpy() for one in latlong.uv_from_direction(seen))
         row = (v * height).astype(int).clip(0, height - 1)
         place = row * width + (u * width).astype(int) % width
-        share = np.bincount(place.ravel(), weight.ravel() / weight.sum(), height * width)
+        share = np.bincount(place, weight / weight.sum(), height * width)
         lit = np.flatnonzero(share)
         found[lit] += share[lit, None] * light
     solid = latlong.texel_solid_angles(height, width, dtype=torch.float64).numpy()
@@ -91,11 +90,11 @@ def radiance(keys: Lobes, direction: Tensor) -> Tensor:
     Returns:
         [3]
     """
-    from asglight.usd.lights import cards
-
-    extent = half_extents(keys)
-    local = keys.axes.to(torch.float64) @ direction.to(torch.float64)  # [K, 3]
-    x, y, z = local.unbind(-1)
-    hit = (z > 0) & (x.abs() <= extent[:, 0] * z) & (y.abs() <= extent[:, 1] * z)
-    light = asg.flux(keys.to(torch.float64)) / cards.solid_angle(extent)[:, None]
+    found = standing(keys)
+    x, y, z = (found.axes @ direction.to(torch.float64)).unbind(-1)  # [K]
+    foot = (found.axes @ found.middle[..., None])[..., 0]
+    nearness = foot[:, 2] / z.clamp(min=1e-9)
+    hit = (z > 0) & ((x * nearness - foot[:, 0]).abs() <= found.half[:, 0])
+    hit &= (y * nearness - foot[:, 1]).abs() <= found.half[:, 1]
+    light = asg.flux(keys.to("cpu", torch.float64)) / found.solid_angle()[:, None]
     return (light * hit[:, None]).sum(0).float()

@@ -244,24 +244,3 @@ def test_a_farm_leaves_stages_whose_keys_are_cut_here(
     assert wanted is not None
     for place in range(3):
         assert torch.equal(found.rest.radiance(place), wanted.rest.radiance(place))
-
-
-def test_stitched_and_resampled_shots_have_no_keys_and_it_is_said(folder, tmp_path, capsys) -> None:
-    keyed = tmp_path / "keyed.usda"
-    words = ["--reference", folder / "sky.#.exr", "-o", keyed, "--representations", "keys"]
-    assert run("keys", folder / "sky.usda", *words) == 0
-    capsys.readouterr()
-    assert run("stitch", keyed, "-o", tmp_path / "shot.usda") == 0
-    said = capsys.readouterr().out
-    assert (
-        "keys: none; they are cut from the images of the whole shot. Cut them with: asglight"
-        in said
-    )
-    assert read_options(tmp_path / "shot.usda").representations == ("cards",)
-    assert run("info", tmp_path / "shot.usda") == 0
-    assert "keys:" not in capsys.readouterr().out
-    assert run("stitch", keyed, "-o", tmp_path / "other.usda", "--json") == 0
-    assert json.loads(capsys.readouterr().out)["keys_left_out"] is True
-    assert run("resample", keyed, "-o", tmp_path / "slow.usda", "--fps", "48") == 0
-    assert "slow.usda: has no keys, for there are no images between" in capsys.readouterr().err
-    assert read_options(tmp_path / "slow.usda").representations == ("cards",)

@@ -18,15 +18,17 @@ SKY = (0.2, 0.25, 0.3)
 
 @dataclass(frozen=True)
 class Rectangle:
-    """A rectangle that faces the origin.
+    """A rectangle, seen from the origin.
 
     Attributes:
         longitude: Of its middle, in degrees.
         latitude: Likewise.
         turn: About the direction of its middle, in degrees.
-        width: Angle that it is seen under, in degrees.
+        width: Angle that it is seen under, did it face the origin, in degrees.
         height: Likewise.
         radiance: Of all of it.
+        slant: From facing the origin, in degrees.
+        about: What it is slanted about, in degrees from its x axis.
     """
 
     longitude: float
@@ -35,6 +37,8 @@ class Rectangle:
     width: float
     height: float
     radiance: tuple[float, float, float] = (60.0, 50.0, 40.0)
+    slant: float = 0.0
+    about: float = 0.0
 
     @property
     def axes(self) -> Array:
@@ -49,18 +53,27 @@ class Rectangle:
         """Tangents of its half angles."""
         return np.tan(np.radians([self.width, self.height]) / 2)
 
+    @property
+    def sides(self) -> Array:
+        """Rows: directions of its sides, and its normal away from the origin."""
+        about = np.radians(self.about)
+        vector = np.radians(self.slant) * np.array([np.cos(about), np.sin(about), 0])
+        return Rotation.from_rotvec(vector).as_matrix().T @ self.axes
+
     def corners(self) -> Array:
         """Directions of its corners.  [4, 3]."""
         p, q = self.extent
-        found = np.array([[p, q, 1], [-p, q, 1], [-p, -q, 1], [p, -q, 1]]) @ self.axes
+        round_it = np.array([[p, q, 0], [-p, q, 0], [-p, -q, 0], [p, -q, 0]])
+        found = self.axes[2] + round_it @ self.sides
         return found / np.linalg.norm(found, axis=-1, keepdims=True)
 
     def covers(self, directions: Array) -> NDArray[np.bool_]:
         """Tell which directions it is seen in.  [..., 3]."""
-        local = directions @ self.axes.T
-        z = np.where(local[..., 2] > 0, local[..., 2], np.inf)
-        inside = np.abs(local[..., :2]) <= self.extent * z[..., None]
-        return inside.all(-1) & np.isfinite(z)
+        normal = self.sides[2]
+        along = directions @ normal
+        met = directions * (normal @ self.axes[2] / np.where(along > 0, along, np.inf))[..., None]
+        local = (met - self.axes[2]) @ self.sides.T
+        return (along > 0) & (np.abs(local[..., :2]) <= self.extent).all(-1)
 
 
 def sky(rows: int) -> Tensor:

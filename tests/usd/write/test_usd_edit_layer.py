@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from edited_stages import FRAMES, changed, fit
 from pxr import Sdf, Usd, UsdValidation
-from usd_tracks import contents, edited, moving, still, write_every
+from usd_tracks import contents, edited, moving, write_every
 
 from asglight.errors import InputError
 from asglight.images import read_latlong

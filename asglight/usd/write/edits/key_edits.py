@@ -31,7 +31,7 @@ from asglight.usd.schema import Representation
 from asglight.usd.spaces import space_for, to_stage
 from asglight.usd.stage import child_of, key_lights, lobe_prims, open_rig, place_of, readable, show
 from asglight.usd.write import layer, staging
-from asglight.usd.write.authoring import TrackAuthor
+from asglight.usd.write.authoring import TrackAuthor, constant
 from asglight.usd.write.between import Shot
 from asglight.usd.write.checks import check_target, check_tracks
 from asglight.usd.write.edits.edit_layer import LAYER_SUFFIXES
@@ -93,11 +93,15 @@ class _Source:
 
     def is_same(self, tracks: LobeTracks, index: int) -> bool:
         """Tell whether a key of the stage is to the bit what tracks have of it."""
-        held = self.tracks
-        return held is not None and all(
-            torch.equal(getattr(held.lobes, name)[:, index], getattr(tracks.lobes, name)[:, index])
-            for name in ("axes", "sharpness", "amplitude")
-        )
+        if self.tracks is None:
+            return False
+        chosen = torch.tensor([index])
+        own, other = (one.lobes.select(chosen) for one in (self.tracks, tracks))
+        pairs = [
+            (getattr(own, name), getattr(other, name))
+            for name in ("axes", "sharpness", "amplitude", "slant")
+        ]
+        return all(a is b if a is None or b is None else torch.equal(a, b) for a, b in pairs)
 
 
 def write_key_edits(
@@ -197,7 +201,10 @@ def _built(below: _Source, changes: LobeChanges, kept: list[int]) -> tuple[Sdf.L
             prim = Sdf.CreatePrimInLayer(built, path)
             for name, values in layer.lobe_tracks(one.lobes).items():
                 author.track(prim, name, values[:, 0], layer.LOBE_TOLERANCE, one.times)
+            for name, values in layer.slant_tracks(one.lobes).items():
+                author.track(prim, name, values[:, 0], layer.SLANT_TOLERANCE, one.times)
             for light in of_key:
+                constant(prim, schema.OP_ORDER, [schema.ORIENT, *light.ops])
                 for name, values in light.tracks.items():
                     author.track(prim, name, values, layer.KEY_TOLERANCE, times)
     if below.tracks is not None:

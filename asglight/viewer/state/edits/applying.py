@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes, LobeTracks, asg, frames
-from asglight.lobes.data import first_unused, lobe_names
+from asglight.lobes.data import combined, first_unused, lobe_names
 from asglight.usd.write.checks import AMPLITUDE_MAX
 from asglight.viewer.state.edits.absolute import level
 from asglight.viewer.state.edits.edit import Add, Edit
@@ -72,12 +72,8 @@ def with_more(tracks: LobeTracks, add: Add) -> LobeTracks:
     axes = upright.to(**like).expand(len(tracks.frames), 1, 3, 3)
     sharpness = torch.full((len(tracks.frames), 1, 2), add.sharpness, **like)
     amplitude = torch.tensor(add.amplitude, **like).expand(len(tracks.frames), 1, 3)
-    lobes = Lobes(
-        torch.cat([old.axes, axes], dim=1),
-        torch.cat([old.sharpness, sharpness], dim=1),
-        torch.cat([old.amplitude, amplitude], dim=1),
-        old.form,
-    )
+    more = Lobes(axes, sharpness, amplitude, old.form)
+    lobes = combined([old, more], lambda pair: torch.cat(pair, dim=1))
     kind = "key" if add.is_key else "lobe"
     name = lobe_names(1, first_unused(tracks.names, kind), kind)
     return replace(tracks, lobes=lobes, names=tracks.names + name)

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pose of a lamp: how a rectangle stands in space whose outline is the lamp's.
+
+The outline of a rectangle seen from the origin says how it stands, up to its distance: its pairs of
+sides meet in two vanishing points, which are its sides' directions. Pose and size are fitted to the
+whole outline at once by least squares, as corners of a few texels are none to rely on.
+
+Symbols: P texels around a lamp.
+"""
+
+import numpy as np
+import torch
+
+from asglight.keys.rectangles import Card, Patch, turn_between
+from asglight.keys.spots import Array
+from asglight.lobes.rectangles import turns
+
+STEPS = 60
+"""Of Levenberg and Marquardt's method, at most. Length and slant of a tube look nearly the same,
+which takes forty; others take ten."""
+
+PROBE = 0.005
+"""Of derivatives by differences: of a card's size, or in radians."""
+
+PROBES = PROBE * np.eye(7)
+
+DAMPING, EASED, HARDENED = 1e-3, 0.3, 5.0
+"""Of the matrix's diagonal: at first, after a step that helps, after one that does not."""
+
+HOPELESS = 1e4
+"""Of that: no step, however small, helps."""
+
+STEP_MOST = 0.5
+"""In radians, or of a card's size, in one step."""
+
+DONE = 1e-4
+"""Of what is left of the outline: steps that gain less are the last."""
+
+LOST, LOST_GAIN = 2e-3, 0.5
+"""What is left of an outline, over its size, above which a lamp is not followed but found anew; and
+how much less that must leave."""
+
+UPRIGHT = 0.01
+"""Weight of the sine of a card's slant, over the root of the share of its outline that differs: a
+slant that shows in less than a ten-thousandth of the outline is none."""
+
+STEEP = 0.97
+"""Sine of the most slant, of 76 degrees: an outline says nothing of the length of a line."""
+
+TURNS = (0.0, np.pi / 4)
+"""Of a card that faces the origin, about its middle, at which a search may start: a lamp that hangs
+slanted about its diagonal is longest along it."""
+
+
+def outline(patch: Patch, light: Array) -> Array:
+    """Return which share of each texel is of a lamp, by its light.  [P].
+
+    A texel is all of the lamp that is as bright as those that half of the light comes from: that
+    is any but those on the rim where the lamp is even, and not its bulb alone where it is not.
+
+    Args:
+        patch: The texels around the lamp.
+        light: Flux of each.  [P]
+    """
+    solid = patch.weight.sum(-1)
+    radiance = light / solid
+    order = np.argsort(radiance)
+    middle = np.searchsorted(light[order].cumsum(), light.sum() / 2)
+    return np.minimum(radiance / radiance[order[middle]], 1)
+
+
+def posed(patch: Patch, light: Array, facing: Card) -> Card:
+    """Return the rectangle in space whose outline is nearest to that of a lamp.
+
+    Of two that have nearly the same outline, hung towards the viewer and away, the nearer one.
+
+    Args:
+        patch: The texels around the lamp.
+        light: Flux of each, not all 0.  [P]
+        facing: A card about there that faces the origin.
+    """
+    cost = _Outline(patch, outline(patch, light))
+    found = [cost.nearest(_changed(facing, _turn(angle))) for angle in TURNS]
+    found += [cost.nearest(_mirrored(card)) for card, _ in found]
+    return min(found, key=lambda one: one[1])[0]
+
+
+def followed(patch: Patch, light: Array, start: Card, facing: Card) -> Card:
+    """Return likewise the rectangle that is next to one: that of the frame before.
+
+    Where that does not lead to the lamp's outline it is looked for anew.
+
+    Args:
+        patch: The texels around the lamp.
+        light: Flux of each, not all 0.  [P]
+        start: The card, about where the lamp is now.
+        facing: One that faces the origin, there.
+    """
+    share = outline(patch, light)
+    cost = _Outline(patch, share)
+    card, left = cost.nearest(start)
+    if left > LOST:
+        anew = posed(patch, light, facing)
+        other, less = cost.nearest(anew)
+        card = other if less < LOST_GAIN * left else card
+    return card
+
+
+class _Outline:
+    """How far cards are off the outline of a lamp."""
+
+    def __init__(self, patch: Patch, share: Array) -> None:
+        self._patch, self._share = patch, share
+        self._solid = patch.weight.sum(-1)
+        self._scale = np.sqrt(self._solid / (share * self._solid).sum())
+
+    def nearest(self, card: Card) -> tuple[Card, float]:
+        """Return the nearest card from a start on, and what is left."""
+        damping, residual = DAMPING, self._residual(card)
+        for _ in range(STEPS):
+            slopes = np.stack([self._residual(_changed(card, row)) - residual for row in PROBES], 1)
+            slopes /= PROBE
+            normal, downhill = slopes.T @ slopes, -slopes.T @ residual
+            gain = 0.0
+            while damping < HOPELESS:
+                matrix = normal + damping * np.diag(np.diag(normal) + 1e-9)
+                step = np.clip(np.linalg.solve(matrix, downhill), -STEP_MOST, STEP_MOST)
+                tried = _changed(card, step.astype(np.float64))
+                after = self._residual(tried)
+                gain = float(residual @ residual - after @ after)
+                if gain > 0:
+                    card, residual, damping = tried, after, damping * EASED
+                    break
+                damping *= HARDENED
+            if gain < DONE * float(residual @ residual) and (gain <= 0 or damping < DAMPING):
+                break
+        return card, float(residual @ residual)
+
+    def _residual(self, card: Card) -> Array:
+        """Return what differs of each texel, and the slant.  [P + 2]."""
+        if np.hypot(*card.foot[:2]) > STEEP:
+            return np.full(len(self._share) + 2, 1e3)
+        covered = self._patch.covered(card) / self._solid
+        return np.concatenate([self._scale * (covered - self._share), UPRIGHT * card.foot[:2]])
+
+
+def _turn(angle: float) -> Array:
+    return np.array([0, 0, 0, 0, angle, 0, 0])
+
+
+def _changed(card: Card, step: Array) -> Card:
+    """Return a card moved, turned about its middle, and grown.
+
+    Args:
+        card: The card.
+        step: Its way along its sides, over its size; axis times angle of the turn, in its own
+            frame; logarithms of its growth.  [7]
+    """
+    size = float(card.seen_extent.max())
+    middle = card.middle + size * (step[:2] @ card.axes[:2])
+    middle = middle / np.linalg.norm(middle)
+    moved = card.turned(turn_between(card.middle, middle))
+    turn = turns(torch.from_numpy(step[2:5])).numpy()
+    return Card(turn @ moved.axes, card.extent * np.exp(step[5:]), middle)
+
+
+def _mirrored(card: Card) -> Card:
+    """Return the card that hangs the other way, and is seen alike from far off."""
+    across = np.eye(3) - 2 * np.outer(card.middle, card.middle)  # nearer becomes farther
+    x, y = card.axes[:2] @ across
+    return Card(np.stack([x, y, np.cross(x, y)]), card.extent, card.middle)
