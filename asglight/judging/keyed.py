@@ -18,6 +18,7 @@ from asglight.keys import following, texture
 from asglight.keys.cut import Wanted, frame_cut, light_of, parts
 from asglight.keys.rectangles import Card
 from asglight.keys.sighting import sightings
+from asglight.lobes.rectangles import Rectangles
 from asglight.sphere import latlong
 
 FLOATS = 10
@@ -67,7 +68,7 @@ class Keyed:
         """Return the mean radiance over each texel of a latlong grid.  [H, W, 3]."""
         found = latlong.reduce(self.rest, height, width).clone()
         for key in self.keys:
-            found += gathered(key, height, width)
+            found += gathered(key.card.rectangle, key.flux, key.image, height, width)
         return found
 
 
@@ -103,20 +104,33 @@ def cut(radiance: Tensor, *, textured: bool) -> Keyed:
     return Keyed(tuple(keys), divided.rest, _bytes(divided.rest, keys))
 
 
-def gathered(key: KeyLight, height: int, width: int) -> Tensor:
-    """Return the mean radiance over each texel that a key shows.  [H, W, 3]."""
+def gathered(
+    card: Rectangles, flux: Tensor, image: Tensor | None, height: int, width: int
+) -> Tensor:
+    """Return the mean radiance over each texel that a card shows.
+
+    Args:
+        card: One rectangle.
+        flux: Radiance times solid angle.  [3]
+        image: What it shows, of mean 1; None where it is even.  [M, N, 3]
+        height: Rows of the map.
+        width: Its columns.
+
+    Returns:
+        [H, W, 3]
+    """
     step = 1 - 2 * (torch.arange(POINTS, dtype=torch.float64) + 0.5) / POINTS
     y, x = torch.meshgrid(step, step, indexing="ij")
-    seen = key.card.rectangle.points(x.flatten(), y.flatten()).view(POINTS, POINTS, 3)
+    seen = card.points(x.flatten(), y.flatten()).view(POINTS, POINTS, 3)
     u, v = latlong.uv_from_direction(seen)
     place = (v * height).long().clamp(max=height - 1) * width + (u * width).long() % width
     light = (seen.norm(dim=-1, keepdim=True) ** -3).expand(-1, -1, 3)
-    if key.image is not None:
-        rows, columns = key.image.shape[:2]
+    if image is not None:
+        rows, columns = image.shape[:2]
         row = torch.arange(POINTS) * rows // POINTS
         column = torch.arange(POINTS) * columns // POINTS
-        light = light * key.image[row[:, None], column].double()
-    light = light * (key.flux / light.sum((0, 1)))
+        light = light * image[row[:, None], column].double()
+    light = light * (flux / light.sum((0, 1)))
     found = torch.zeros(height * width, 3, dtype=torch.float64)
     found.index_add_(0, place.flatten(), light.reshape(-1, 3))
     solid_angle = latlong.texel_solid_angles(height, width, dtype=torch.float64)

@@ -15,6 +15,7 @@ in the plane from the foot of the perpendicular, its solid angle is the sum over
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -40,6 +41,10 @@ class Rectangles:
     middle: Tensor
     axes: Tensor
     half: Tensor
+
+    def __getitem__(self, index: Any) -> "Rectangles":
+        """Index the leading dimensions, as one would index each tensor."""
+        return Rectangles(self.middle[index], self.axes[index], self.half[index])
 
     def points(self, u: Tensor, v: Tensor) -> Tensor:
         """Return points, not of unit length.

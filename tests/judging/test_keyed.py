@@ -31,12 +31,11 @@ def test_keys_and_rest_are_the_map_and_say_how_large_they_are(name: str) -> None
 
 
 def test_an_even_key_shows_its_flux_in_the_texels_that_its_card_covers() -> None:
-    key = keyed.KeyLight(
-        Card.facing(LAMP.axes, LAMP.extent), torch.tensor([1.0, 2.0, 0.5]).double(), None
-    )
-    image = keyed.gathered(key, ROWS, 2 * ROWS)
+    card = Card.facing(LAMP.axes, LAMP.extent).rectangle
+    flux = torch.tensor([1.0, 2.0, 0.5]).double()
+    image = keyed.gathered(card, flux, None, ROWS, 2 * ROWS)
     solid = latlong.texel_solid_angles(ROWS, 2 * ROWS, dtype=torch.float64)[..., None]
-    torch.testing.assert_close((image.double() * solid).sum((0, 1)), key.flux, rtol=1e-5, atol=0)
+    torch.testing.assert_close((image.double() * solid).sum((0, 1)), flux, rtol=1e-5, atol=0)
     lamp = with_lamps(ROWS, LAMP) - with_lamps(ROWS)
     shape = lamp / lamp.amax((0, 1)) - image / image.amax((0, 1))
     assert float(shape.abs().max()) < 0.1

@@ -2,8 +2,11 @@
 """`asglight eval`: the error of a stage against the images it was fitted to."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
+
+from torch import Tensor
 
 from asglight.cli import between
 from asglight.cli.frames import chosen_frames, warn_of_unread
@@ -36,7 +39,8 @@ between frames: asglight eval sky.usda --reference sky.####.exr --between"""
 EXPLANATION = """\
 env: radiance error over the sphere; flux: error of the total; irr: of the irradiance (irrMax: its
 worst direction); r0.5, r0.25: of what balls of that roughness reflect; flicker: of the change from
-frame to frame. All relative to the reference; 0 is perfect."""
+frame to frame. All relative to the reference; 0 is perfect. What is judged is what the stage opens
+with: keys and rest where it does so with these, else the lobes."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,18 +62,23 @@ def run(arguments: argparse.Namespace) -> int:
     """Judge each frame and print the errors."""
     if arguments.between:
         return _run_between(arguments)
+    from asglight.judging.shown_keys import key_errors, shown_keys
     from asglight.usd import read_stage
 
     reading = read_stage(arguments.stage, arguments.rig)
-    tracks = reading.tracks
-    frames = chosen_frames(tracks, arguments.frames, arguments.stage)
+    keys = shown_keys(arguments.stage, arguments.rig)
+    frames = chosen_frames(reading.tracks, arguments.frames, arguments.stage)
     sequence = reference_for(frames, arguments)
+    judged = of_lobes(reading.tracks) if keys is None else partial(key_errors, keys)
+    what = "lobes" if keys is None else "keys and rest"
     with reporter() as report:
-        errors = judge(tracks, sequence, frames, report)
+        errors = judge(judged, sequence, frames, report)
     if arguments.json:
-        print_json({"stage": arguments.stage, "reference": arguments.reference} | as_json(errors))
+        about = {"stage": arguments.stage, "reference": arguments.reference, "judged": what}
+        print_json(about | as_json(errors))
     else:
         print(errors_table(errors))
+        print(f"judged: {what}, which the stage opens with" if keys else f"judged: {what}")
     warn_of_unread(arguments.stage, reading)
     return 0
 
@@ -126,16 +135,25 @@ def check_frames(sequence: Sequence, frames: tuple[int, ...], reference: str, st
         )
 
 
+Judged = Callable[[int, Tensor], FrameErrors]
+"""From a frame number and its image [H, W, 3] to the errors."""
+
+
+def of_lobes(tracks: LobeTracks) -> Judged:
+    """Return what judges the lobes of a frame."""
+    return lambda frame, image: frame_errors(tracks.at(frame), image)
+
+
 def judge(
-    tracks: LobeTracks, sequence: Sequence, frames: tuple[int, ...], report: Reporter
+    judged: Judged, sequence: Sequence, frames: tuple[int, ...], report: Reporter
 ) -> SequenceErrors:
-    """Judge the lobes of some frames against their images."""
+    """Judge what some frames show against their images."""
 
-    def judged() -> Iterator[tuple[int, FrameErrors]]:
+    def errors() -> Iterator[tuple[int, FrameErrors]]:
         for frame in report.follow(frames, "judging", len(frames)):
-            yield frame, frame_errors(tracks.at(frame), sequence.read(frame).radiance)
+            yield frame, judged(frame, sequence.read(frame).radiance)
 
-    return sequence_errors(judged())
+    return sequence_errors(errors())
 
 
 def as_json(errors: SequenceErrors) -> dict[str, Any]:
