@@ -17,8 +17,9 @@ from asglight.fitting.following import whole_shot
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import REFINEMENT, fit_frame
 from asglight.judging.clock import Clock, Point, timed
-from asglight.lobes import Lobes, matching
+from asglight.lobes import Lobes
 from asglight.lobes.data import stack
+from asglight.lobes.identity import matching
 from asglight.threads import one_thread
 
 JUMP_DEG, JUMP_SHARE = 10.0, 0.01

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from asglight.lobes.data import Lobes
 from asglight.lobes.frames import continuous
-from asglight.lobes.near import nearest
+from asglight.lobes.identity.near import nearest
 
 
 def carried_on(lobes: Lobes) -> Lobes:

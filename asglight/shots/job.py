@@ -20,7 +20,7 @@ from asglight.images.message import shown
 from asglight.images.options import LOST_MAX, Eye, ReadOptions
 from asglight.images.sequence import Missing
 from asglight.lobes import Form, LobeTracks
-from asglight.lobes.naming import named_as
+from asglight.lobes.identity.naming import named_as
 from asglight.shots.conditioning import with_condition
 from asglight.shots.events import Notice, OnProgress, ignore
 from asglight.shots.kept.checkpoint import SUFFIX, Checkpoint, header_of

@@ -19,8 +19,8 @@ from asglight.images.account import read_as
 from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
-from asglight.lobes.main_tracks import kept_on_lamps
-from asglight.lobes.naming import by_energy
+from asglight.lobes.identity.main_tracks import kept_on_lamps
+from asglight.lobes.identity.naming import by_energy
 from asglight.shots.kept.records import FrameRecord, own_frames, places_of
 from asglight.shots.leaving_out import account, simplified
 from asglight.shots.settings import options_as_json

@@ -26,7 +26,7 @@ from asglight.images.sequence import open_sequence
 from asglight.judging.following import JUMP_SHARE, jumps
 from asglight.judging.metrics import frame_errors, sequence_errors
 from asglight.lobes import LobeTracks
-from asglight.lobes.matching import flux_shares
+from asglight.lobes.identity.matching import flux_shares
 from asglight.usd import read_usd
 
 PARTS = 3

@@ -28,7 +28,7 @@ from asglight.judging.following import follow, matched, refined
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
-from asglight.lobes.main_tracks import kept_on_lamps
+from asglight.lobes.identity.main_tracks import kept_on_lamps
 from benchmarks.given import add_sequence, frames_given
 
 PRESETS = (Preset.LIVE, Preset.FAST, Preset.BEST)

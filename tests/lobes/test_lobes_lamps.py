@@ -8,7 +8,7 @@ import torch
 
 from asglight.lobes import Lobes, asg
 from asglight.lobes.frames import axes_around
-from asglight.lobes.lamps import Lamps, lamps
+from asglight.lobes.identity.lamps import Lamps, lamps
 
 
 def on_the_horizon(degrees: list[float], sharpness: list[float], light: list[float]) -> Lamps:

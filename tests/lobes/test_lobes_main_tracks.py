@@ -10,7 +10,7 @@ import torch
 from asglight.lobes import Lobes, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import axes_around
-from asglight.lobes.main_tracks import kept_on_lamps
+from asglight.lobes.identity.main_tracks import kept_on_lamps
 
 SIGMA_DEG = math.degrees(1 / math.sqrt(2 * 30))
 OFF = math.nan

@@ -8,7 +8,7 @@ import torch
 
 from asglight.lobes import Lobes
 from asglight.lobes.frames import axes_around
-from asglight.lobes.matching import flux_shares, matched
+from asglight.lobes.identity.matching import flux_shares, matched
 
 
 def on_horizon(degrees: list[float], light: list[float]) -> Lobes:

@@ -11,7 +11,7 @@ from usd_tracks import moving, rows
 
 from asglight.lobes import Form, Lobes, LobeTracks
 from asglight.lobes.data import lobe_names
-from asglight.lobes.naming import by_energy, named_as
+from asglight.lobes.identity.naming import by_energy, named_as
 
 FRAMES = (1001, 1002, 1003)
 PLACES = (0.0, 40.0, 90.0, 150.0, 220.0, 300.0)

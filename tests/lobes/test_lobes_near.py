@@ -8,7 +8,7 @@ import torch
 
 from asglight.lobes import Lobes
 from asglight.lobes.frames import axes_around
-from asglight.lobes.near import nearest
+from asglight.lobes.identity.near import nearest
 
 
 def on_the_horizon(degrees: list[float], sharpness: float) -> Lobes:

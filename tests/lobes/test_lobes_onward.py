@@ -8,7 +8,7 @@ import torch
 
 from asglight.lobes import Lobes
 from asglight.lobes.frames import axes_around
-from asglight.lobes.near import onward
+from asglight.lobes.identity.near import onward
 
 
 def along(degrees: list[float], light: list[float], up: float = 20.0) -> Lobes:

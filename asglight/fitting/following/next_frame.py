@@ -30,7 +30,7 @@ from asglight.fitting.options import TRACKS_PER_LOBE
 from asglight.fitting.steps import light, newton
 from asglight.lobes import Lobes, asg
 from asglight.lobes.frames import align, parallel_transport
-from asglight.lobes.near import onward
+from asglight.lobes.identity.near import onward
 
 
 @dataclass(frozen=True)

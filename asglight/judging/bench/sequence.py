@@ -26,7 +26,7 @@ from asglight.judging.metrics import FrameErrors, maps_errors, sequence_errors
 from asglight.lobes import Lobes, texels
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
-from asglight.lobes.main_tracks import kept_on_lamps
+from asglight.lobes.identity.main_tracks import kept_on_lamps
 from asglight.peers.approximation import LobeSum
 from asglight.threads import one_thread
 

@@ -24,7 +24,7 @@ from asglight.judging.pictures.display import exposure_stops, luminance
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
-from asglight.lobes.main_tracks import kept_on_lamps
+from asglight.lobes.identity.main_tracks import kept_on_lamps
 from asglight.shading import kernels
 from asglight.sphere import latlong
 from asglight.threads import one_thread

@@ -7,17 +7,15 @@ alone is said on the same prims, so that a reader needs to know no variants. Lig
 values.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import PurePath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, Vt
+from pxr import Gf, Sdf
 from torch import Tensor
 
 from asglight.lobes import LobeTracks, asg, frames
@@ -33,6 +31,7 @@ from asglight.usd.spaces import Space, space_for, to_stage
 from asglight.usd.write.authoring import TrackAuthor, constant
 from asglight.usd.write.between import Sampled, Shot
 from asglight.usd.write.keys import WrittenKeys
+from asglight.usd.write.stage_metadata import author_asset, author_stage_metadata, custom_data
 from asglight.usd.write.staging import relative_names
 
 LOBE_TOLERANCE = 1e-6
@@ -95,9 +94,9 @@ def build(
     finding = [partial(_lights, shot, one, tracks, options, images, kinds) for one in options.held]
     with beside(finding) as found, Sdf.ChangeBlock():
         rig = _author_rig(layer, options.primary_path)
-        _author_stage_metadata(layer, tracks, options)
-        rig.SetInfo("customData", {schema.CUSTOM_DATA: _custom_data(tracks, options)})
-        _author_asset(rig, space, name)
+        author_stage_metadata(layer, tracks, options)
+        rig.SetInfo("customData", {schema.CUSTOM_DATA: custom_data(tracks, options)})
+        author_asset(rig, space, name)
         if len(options.held) > 1:
             _author_selection(rig, options)
         scope = Sdf.PrimSpec(rig, schema.LOBES, Sdf.SpecifierDef, "Scope")
@@ -215,14 +214,6 @@ def author_textures(author: TrackAuthor, dome: Sdf.PrimSpec, textures: Sequence[
     author.held(dome, schema.TEXTURE, [Sdf.AssetPath(path) for path in paths], keep)
 
 
-def metadata_text(tracks: LobeTracks) -> str:
-    """Return the fit's metadata as one JSON string.
-
-    USD dictionaries hold neither None nor lists of mixed values.
-    """
-    return json.dumps(dict(tracks.metadata), allow_nan=False, ensure_ascii=False)
-
-
 def _author_rig(layer: Sdf.Layer, path: str) -> Sdf.PrimSpec:
     """Define the rig, and an Xform for each prim above it."""
     rig = Sdf.CreatePrimInLayer(layer, path)
@@ -243,44 +234,6 @@ def _holders(rig: Sdf.PrimSpec, options: StageOptions) -> dict[Representation, S
         return {options.shown: rig}
     variants = Sdf.VariantSetSpec(rig, schema.VARIANT_SET)
     return {one: Sdf.VariantSpec(variants, str(one)).primSpec for one in options.held}
-
-
-def _author_stage_metadata(layer: Sdf.Layer, tracks: LobeTracks, options: StageOptions) -> None:
-    layer.defaultPrim = layer.rootPrims[0].name
-    layer.pseudoRoot.SetInfo(schema.UP_AXIS, options.up_axis)
-    layer.pseudoRoot.SetInfo("metersPerUnit", options.meters_per_unit)
-    layer.timeCodesPerSecond = layer.framesPerSecond = tracks.fps
-    layer.startTimeCode = tracks.frames[0]
-    layer.endTimeCode = tracks.frames[-1]
-
-
-def _author_asset(rig: Sdf.PrimSpec, space: Space, name: str) -> None:
-    """Say which asset the rig is, and what the colours of everything below it mean."""
-    identifier = Sdf.AssetPath(f"./{name}")
-    rig.SetInfo("assetInfo", {"identifier": identifier, "name": PurePath(name).stem})
-    rig.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=[schema.COLORSPACE_API]))
-    constant(rig, schema.COLORSPACE, space.colorspace)
-
-
-def _custom_data(tracks: LobeTracks, options: StageOptions) -> dict[str, Any]:
-    """Return the rig's custom data.
-
-    The frames are listed only where some are missing between the first and the last.
-    """
-    data: dict[str, Any] = {
-        "version": schema.FORMAT_VERSION,
-        schema.UP_AXIS: options.up_axis,
-        schema.DISTANCE: options.card_distance,
-        schema.DISTANT_LIGHTS: options.distant_lights,
-        schema.CARD_TEXTURE: options.card_texture,
-        "metadata": metadata_text(tracks),
-    }
-    if len(options.held) == 1:
-        data[schema.REPRESENTATION] = str(options.shown)
-    first, last = tracks.frames[0], tracks.frames[-1]
-    if len(tracks.frames) != last - first + 1:
-        data["frames"] = Vt.IntArray(tracks.frames)
-    return data
 
 
 def author_display_names(

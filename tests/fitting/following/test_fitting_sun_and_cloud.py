@@ -7,7 +7,7 @@ from asglight.fitting.options import FitOptions, Preset
 from asglight.judging.following import follow, refined
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
-from asglight.lobes.main_tracks import kept_on_lamps
+from asglight.lobes.identity.main_tracks import kept_on_lamps
 from asglight.sky import SkyConfig, radiance
 from asglight.sphere import latlong
 

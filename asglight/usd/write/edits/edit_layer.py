@@ -44,6 +44,7 @@ from asglight.usd.write.checks import check_target, check_tracks
 from asglight.usd.write.edits.edited_lobes import LobeChanges, author_added, author_states
 from asglight.usd.write.edits.edited_stage import AttributeTrack, EditedStage
 from asglight.usd.write.edits.over_stage import reference, with_metadata
+from asglight.usd.write.stage_metadata import metadata_text
 from asglight.usd.write.staging import WriteReport
 
 LAYER_SUFFIXES = tuple(suffix for suffix in STAGE_SUFFIXES if suffix != ".usdz")
@@ -221,7 +222,7 @@ def _build(
     rig_path = below.rig.GetPath()
     rig = Sdf.CreatePrimInLayer(built, rig_path)
     if changes.tracks.metadata != below.tracks.metadata:
-        data = {"metadata": layer.metadata_text(changes.tracks)}
+        data = {"metadata": metadata_text(changes.tracks)}
         rig.SetInfo("customData", {schema.CUSTOM_DATA: data})
     author = TrackAuthor(changes.tracks.frames)
     for track in differing:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from asglight.lobes import asg
 from asglight.lobes.data import Lobes
-from asglight.lobes.lamps import lamps, variance
+from asglight.lobes.identity.lamps import lamps, variance
 from asglight.lobes.motion import exact
 
 Array = NDArray[np.float64]
