@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import Lobes, asg
-from asglight.viewer.uniforms.key_cards import half_extents
+from asglight.viewer.uniforms.key_cards import standing
 
 STEPS = 100
 """Of the fixed point from mean squares to sharpness, at most; cards of 20 degrees take five."""
@@ -22,16 +22,14 @@ CONVERGED = 1e-9
 
 
 def half_angles(key: Lobes) -> Tensor:
-    """Return half width and half height of a key's card, radians.  [.] -> [2]."""
-    return half_extents(key[None])[0].atan()
+    """Return half width and half height of a key's card, as if it faced one; radians.  [2]."""
+    return standing(key[None]).half[0].atan()
 
 
 def gain(key: Lobes) -> float:
     """Return the radiance of a key's card, in amplitudes of its lobe.  [.]."""
-    from asglight.usd.lights import cards  # pxr, which only keyed stages need
-
     zeroth = asg.moments(_double(key)[None]).zeroth
-    return float(zeroth / cards.solid_angle(half_extents(key[None])))
+    return float(zeroth / standing(key[None]).solid_angle())
 
 
 def with_half_angles(key: Lobes, angles: Tensor) -> Lobes:
@@ -43,9 +41,12 @@ def with_half_angles(key: Lobes, angles: Tensor) -> Lobes:
         key: [.]
         angles: Half width and half height, radians, below a quarter turn.  [2]
     """
-    from asglight.usd.lights import cards
+    from asglight.usd.lights import cards  # pxr, which only keyed stages need
 
-    extent = angles.to(torch.float64).tan().clamp(max=cards.WIDEST)
+    slant = _double(key).slant
+    growth = 1.0 if slant is None else slant[5:].exp()
+    extent = angles.to(torch.float64).tan() / growth
+    extent = extent.clamp(max=cards.WIDEST)
     wanted = (1 - cards.ratio_of(extent) / (1 + extent.square())) / 3
     found = _double(key)
     for _ in range(STEPS):
