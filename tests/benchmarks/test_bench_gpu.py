@@ -141,7 +141,7 @@ def test_no_gpu_is_said_in_one_line(
         command.main([])
     assert end.value.code == 2
     said = capsys.readouterr().err.splitlines()[-1]
-    assert said.startswith("gpu: error: --device cuda: torch ")
+    assert said.startswith("python -m benchmarks.gpu: error: --device cuda: torch ")
     assert said.endswith(
         "finds no CUDA device here; install a torch built for CUDA and its driver, "
         "or try --device cpu --short."

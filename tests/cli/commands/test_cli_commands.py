@@ -167,7 +167,8 @@ def test_eval_prints_a_table_of_the_chosen_frames(
     out, err = capsys.readouterr()
     lines = out.splitlines()
     assert lines[0].split() == ["frame", *METRIC_NAMES]
-    assert [line.split()[0] for line in lines[1:]] == ["1002", "1003", "mean", "worst", "flicker"]
+    firsts = ["1002", "1003", "mean", "worst", "flicker", "judged:"]
+    assert [line.split()[0] for line in lines[1:]] == firsts
     assert len({len(line) for line in lines[:4]}) == 1
     assert err == "judging (2)\n"
 

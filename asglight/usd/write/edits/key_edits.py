@@ -18,6 +18,7 @@ from pxr import Sdf, Usd
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
+from asglight.lobes.data import stack
 from asglight.usd import schema
 from asglight.usd.check.lint import lint_stage
 from asglight.usd.check.trust import our_own
@@ -96,12 +97,9 @@ class _Source:
         if self.tracks is None:
             return False
         chosen = torch.tensor([index])
-        own, other = (one.lobes.select(chosen) for one in (self.tracks, tracks))
-        pairs = [
-            (getattr(own, name), getattr(other, name))
-            for name in ("axes", "sharpness", "amplitude", "slant")
-        ]
-        return all(a is b if a is None or b is None else torch.equal(a, b) for a, b in pairs)
+        pair = stack([one.lobes.select(chosen) for one in (self.tracks, tracks)])
+        held = (pair.axes, pair.sharpness, pair.amplitude, pair.slant)
+        return all(one is None or torch.equal(*one) for one in held)
 
 
 def write_key_edits(
