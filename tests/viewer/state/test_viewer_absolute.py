@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from usd_tracks import moving
 
 from asglight.keys.lobes import as_lobes
+from asglight.keys.rectangles import Card
 from asglight.lobes import Form, Lobes, asg
 from asglight.usd.lights.colour_temperature import KELVIN_LIMITS, rgb_of, temperature_of
 from asglight.viewer.state.edits.absolute import FIELDS, colour_edit, edit_of, lamp_of
@@ -131,7 +132,8 @@ def card(width: float, height: float) -> Lobes:
     p, q = tangents
     solid_angle = 4 * math.atan(p * q / math.sqrt(1 + p * p + q * q))
     axes = lamp(30.0, 20.0, 10.0, (1.0, 1.0)).axes.numpy().astype(np.float64)
-    return as_lobes(axes, tangents, np.full(3, 0.36 * solid_angle)).to(torch.float32)
+    facing = Card.facing(axes[0] if axes.ndim == 3 else axes, np.array(tangents))
+    return as_lobes([[facing]], np.full((1, 1, 3), 0.36 * solid_angle))[0, 0].to(torch.float32)
 
 
 @pytest.mark.parametrize(("width", "height"), [(0.5, 0.4), (20.0, 30.0), (120.0, 8.0)])
