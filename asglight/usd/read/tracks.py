@@ -21,6 +21,7 @@ from pxr import Sdf, Usd
 from asglight.errors import InputError
 from asglight.images import ocio
 from asglight.lobes import Form, Lobes, LobeTracks, frames
+from asglight.threads import one_thread
 from asglight.usd import schema
 from asglight.usd.read.edited_lights import hidden_lobes, with_light_edits
 from asglight.usd.read.placement import placement_of
@@ -78,6 +79,7 @@ def read_usd(path: str | Path | Usd.Stage, rig: str | None = None) -> LobeTracks
     return read_stage(path, rig).tracks
 
 
+@one_thread()  # arrays are small: threads wait for each other longer than they work
 def read_stage(path: str | Path | Usd.Stage, rig: str | None = None) -> Reading:
     """Read the tracks of a stage, as `read_usd`, and what other programs changed in its lights.
 
