@@ -2,6 +2,7 @@
 """The architecture as ARCHITECTURE.md draws it: which room may import which."""
 
 import ast
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -87,6 +88,14 @@ def test_one_file_knows_dask_and_only_the_command_line_knows_that_file() -> None
 def test_every_room_has_its_rule() -> None:
     rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()}
     assert rooms <= ALLOWED.keys()
+
+
+def test_the_table_of_the_architecture_is_what_is_held() -> None:
+    rows = re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", (ROOT / "ARCHITECTURE.md").read_text(), re.M)
+    said = {name: set(re.findall(r"\w+", may)) for name, may in rows}
+    assert said.pop("cli") == {"all"}
+    assert ALLOWED["cli"] == said.keys()
+    assert said == {name: may for name, may in ALLOWED.items() if name != "cli"}
 
 
 def test_files_do_not_import_each_other_in_a_circle() -> None:
