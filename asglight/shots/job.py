@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT, FORM_NAMES, FitOptions, Preset, form_of
-from asglight.images import Sequence, open_sequence
+from asglight.images import Sequence, ocio, open_sequence
 from asglight.images.account import read_as, warning_lines
 from asglight.images.message import shown
 from asglight.images.options import LOST_MAX, Eye, ReadOptions
@@ -55,6 +55,7 @@ class ShotResult:
         resumed: How many frames came from an earlier run.
         written: What was written.
         representations: What the lobes were written as.
+        colorspace: That of the stage's colours, by its name in the config of OpenColorIO.
         keys: What is told of its keys, as JSON values; None where there are none.
     """
 
@@ -63,6 +64,7 @@ class ShotResult:
     resumed: int
     written: "WriteReport"
     representations: tuple[str, ...]
+    colorspace: str
     keys: dict[str, Any] | None = None
 
 
@@ -128,7 +130,13 @@ def fit_shot(
             tracks = with_condition(_named(tracks, earlier(), on_progress))
             written = write_stage(tracks, output, stage, keying and keying(on_progress))
     return ShotResult(
-        tracks, tuple(shot.records), shot.resumed, written, stage.representations, written.keys
+        tracks,
+        tuple(shot.records),
+        shot.resumed,
+        written,
+        stage.representations,
+        ocio.NAMES[ocio.interop_id(stage.colorspace)],
+        written.keys,
     )
 
 

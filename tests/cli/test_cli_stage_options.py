@@ -74,6 +74,17 @@ def test_the_options_change_nothing_of_the_lobes(images: Path, tmp_path: Path) -
     torch.testing.assert_close(other.axis_z, plain.axis_z, rtol=0, atol=1e-6)
 
 
+def test_the_space_of_the_colours_is_told_by_its_whole_name(
+    images: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """OpenColorIO knows ACES2065-1 as ACES too, which people say of ACEScg."""
+    stage = tmp_path / "a.usda"
+    fit = ["fit", str(images), "--frames", "1001", "--lobes", "2", "-o", str(stage)]
+    assert main([*fit, "--colorspace", "aces"]) == 0
+    assert "\nwritten as: cards, in ACES2065-1; " in capsys.readouterr().out
+    assert "lin_ap0_scene" in stage.read_text()
+
+
 def test_a_stitched_shot_is_written_as_its_first_part_or_as_asked_for(
     parts: list[str], tmp_path: Path
 ) -> None:

@@ -29,6 +29,7 @@ from asglight.fitting.options import (
     Preset,
     form_of,
 )
+from asglight.images import ocio
 from asglight.images.account import image_line
 from asglight.images.sequence import Missing
 from asglight.shots import ShotResult, fit_shot
@@ -174,6 +175,7 @@ def as_document(result: ShotResult, output: str) -> dict[str, Any]:
         "preset": metadata["preset"],
         "form": str(result.tracks.lobes.form),
         "representations": list(result.representations),
+        "colorspace": result.colorspace,
         "fps": result.tracks.fps,
         "resumed": result.resumed,
         "seconds": sum(record.seconds for record in result.records),
@@ -210,6 +212,8 @@ def written_line(document: dict[str, Any]) -> str:
     """Return what the lobes were written as, and how the images of a dome come to be."""
     held = document["representations"]
     line = f"written as: {', '.join(held)}"
+    if document["colorspace"] != ocio.NAMES[ocio.REC709]:
+        line += f", in {document['colorspace']}"
     if Representation.DOME in held:
         return line
     return f"{line}; images of a dome on demand: asglight export {document['output']} --to dome"
