@@ -62,6 +62,7 @@ test-fast: setup ## the tests of less than ten seconds each
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m 'not slow'
 
 soak: setup      ## 100,000 damaged files, 110 faults, 10,000 frames: within half an hour (soak-output/)
+	ASGLIGHT_THOROUGH=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m thorough
 	OMP_NUM_THREADS=1 $(BIN)/python -m soak.measure -o soak-output
 
 test-usd: setup  ## stages in other versions of USD and under NVIDIA's validator (.usd-versions/)
