@@ -2,7 +2,6 @@
 """Layers of edited keys, over the stage that was edited."""
 
 import subprocess
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,6 @@ import torch
 from bench_scripts import module
 from keyed_stages import FRAMES, ROWS, images, write
 from pxr import Sdf, Usd
-from usd_tracks import contents
 
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks, asg
@@ -52,21 +50,9 @@ def read(path: Path) -> LobeTracks:
     return keys.tracks
 
 
-CUT: dict[str, dict[str, bytes]] = {}
-"""Files of the stages by their options: cutting takes longer than all that is done with them."""
-
-
 def keyed(folder: Path, **options) -> Path:
-    """Put a stage with a key into a folder, and the images it was cut from."""
-    of = repr(options)
-    if of not in CUT:
-        with tempfile.TemporaryDirectory() as first:
-            images(Path(first), FRAMES[:2])
-            write(Path(first), frames=FRAMES[:2], **options)
-            CUT[of] = contents(Path(first))
-    for place, data in CUT[of].items():
-        (folder / place).parent.mkdir(exist_ok=True)
-        (folder / place).write_bytes(data)
+    images(folder, FRAMES[:2])
+    write(folder, frames=FRAMES[:2], **options)
     return folder / "shot.usda"
 
 
