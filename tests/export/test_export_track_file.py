@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from effort import tries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -224,13 +225,14 @@ JSON_VALUES = st.recursive(
 )
 
 
+@pytest.mark.thorough
 @given(
     key=st.sampled_from(sorted(GOOD)),
     lobe_key=st.sampled_from([None, *sorted(LOBE)]),
     value=JSON_VALUES,
     cut=st.integers(0, 40),
 )
-@settings(max_examples=100, deadline=None)  # a slow machine is no failure
+@settings(max_examples=tries(100), deadline=None)  # a slow machine is no failure
 def test_any_damage_is_refused_or_gives_sound_lobes(
     tmp_path_factory: pytest.TempPathFactory,
     key: str,

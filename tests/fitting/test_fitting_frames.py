@@ -5,6 +5,7 @@ import math
 
 import pytest
 import torch
+from effort import is_thorough
 from lobe_cases import angle_deg, follow, lamps, sky_and_sun
 from places import SHARED
 from torch import Tensor
@@ -113,15 +114,15 @@ def test_fit_has_the_flux_of_the_map(form: Form) -> None:
     assert abs(fit.flux_error) < 1e-4
 
 
-@pytest.mark.parametrize("scale", [2.0**-30, 2.0**-10, 2.0**10, 2.0**30])
-def test_fit_does_not_depend_on_exposure(scale: float) -> None:
+def test_fit_does_not_depend_on_exposure() -> None:
     reference = sky_and_sun(20.0)
     plain = fit_first_frame(reference, 6, Form.ASG)
-    scaled = fit_first_frame(reference * scale, 6, Form.ASG)
-    # a power of two is no reason to round: other factors turn steps aside, to another minimum
-    assert scaled.loss == plain.loss
-    torch.testing.assert_close(scaled.lobes.axes, plain.lobes.axes, rtol=0, atol=0)
-    torch.testing.assert_close(scaled.lobes.amplitude / scale, plain.lobes.amplitude)
+    for scale in (2.0**-30, 2.0**30):
+        scaled = fit_first_frame(reference * scale, 6, Form.ASG)
+        # a power of two is no reason to round: other factors turn steps aside, to another minimum
+        assert scaled.loss == plain.loss
+        torch.testing.assert_close(scaled.lobes.axes, plain.lobes.axes, rtol=0, atol=0)
+        torch.testing.assert_close(scaled.lobes.amplitude / scale, plain.lobes.amplitude)
 
 
 def test_black_map_gives_black_lobes_and_light_may_follow() -> None:
@@ -235,8 +236,9 @@ def test_exposure_jump_is_followed(stops: float) -> None:
     torch.testing.assert_close(ratio / factor, torch.ones(3), rtol=1e-3, atol=0)
 
 
-@pytest.mark.parametrize("form", list(Form))
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("form", "seed"), [*((form, 0) for form in Form), *((Form.ASG, seed) for seed in (1, 2, 3))]
+)
 def test_maps_beyond_the_lobes_keep_their_flux(form: Form, seed: int) -> None:
     """Far too few lobes for a map of patches: the L1 error alone would rather go dark."""
     generator = torch.Generator().manual_seed(seed)
@@ -300,13 +302,19 @@ VMF_EM = {  # 15 isotropic lobes, 40 EM iterations, 256 x 512: (env, irr, r0.5)
 }
 
 
+HARDEST = ("esplanade", "forest", "workshop")
+"""EM comes nearest to the error of these; the two of ten on which it may be better are others."""
+
+
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(not (SHARED / "hdri").is_dir(), reason="../shared/hdri is not there")
 def test_fast_is_no_worse_than_em_on_eight_of_ten_real_maps() -> None:
     better = []
-    for name, peer in VMF_EM.items():
+    names = tuple(VMF_EM) if is_thorough() else HARDEST
+    for name in names:
         reference = read_latlong(SHARED / "hdri" / f"{name}.exr").radiance
         errors = frame_errors(fit_first_frame(reference, 15, Form.ASG).lobes, reference).values
         ours = (errors["env"], errors["irr"], errors["r0.5"])
-        better.append(all(a <= b for a, b in zip(ours, peer, strict=True)))
-    assert sum(better) >= 8, dict(zip(VMF_EM, better, strict=True))
+        better.append(all(a <= b for a, b in zip(ours, VMF_EM[name], strict=True)))
+    assert sum(better) >= 0.8 * len(names), dict(zip(names, better, strict=True))

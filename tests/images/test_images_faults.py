@@ -12,6 +12,7 @@ import numpy as np
 import OpenEXR
 import OpenImageIO
 import pytest
+from effort import tries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -203,12 +204,13 @@ def specimens() -> list[bytes]:
 SPECIMENS = specimens()
 
 
+@pytest.mark.thorough
 @given(
     specimen=st.sampled_from(range(len(SPECIMENS))),
     damage=st.lists(st.tuples(st.integers(0, 600), st.integers(0, 255)), min_size=1, max_size=5),
     cut=st.integers(0, 2000),
 )
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=tries(300), deadline=None)
 def test_damaged_file_is_read_or_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory,
     specimen: int,

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from effort import tries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -76,9 +77,10 @@ def test_rows_come_out_as_of_the_whole_map(
     assert tally == Tally()
 
 
+@pytest.mark.thorough
 @WAYS
 @given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 41))
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=tries(30))
 def test_any_size_from_any_size(library: object, one: int, other: int, strip: int) -> None:
     values = image(max(one, other))
     found, _ = reduced(values, min(one, other), strip)

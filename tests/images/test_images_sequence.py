@@ -11,6 +11,7 @@ import fileseq
 import image_files
 import numpy as np
 import pytest
+from effort import tries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from places import SHARED
@@ -160,8 +161,9 @@ def test_frames_are_chosen(tmp_path: Path, frames: str, expected: tuple[int, ...
     assert open_sequence(tmp_path, frames=frames).frames == expected
 
 
+@pytest.mark.thorough
 @given(st.sets(st.integers(-50, 2000), min_size=1, max_size=30))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=tries(50), deadline=None)
 def test_frame_sets_agree_with_fileseq(frames: set[int]) -> None:
     text = fileseq.framesToFrameRange(sorted(frames))  # pyright: ignore[reportPrivateImportUsage]
     assert frame_set(text, "frames") == tuple(sorted(frames))

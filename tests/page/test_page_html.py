@@ -18,6 +18,7 @@ from asglight.lobes import Form
 from asglight.page.html import page, page_balls
 from asglight.page.reference import _balls, _levels, _range
 from asglight.page.shaders import es_shader
+from asglight.shading.balls import ROUGHNESS, coverage
 from asglight.usd import write_usd
 
 SHOT = moving(range(1001, 1004))
@@ -97,12 +98,33 @@ def test_a_matt_ball_has_no_more_light_at_its_edge_than_an_even_map(
     np.testing.assert_allclose(drawn, np.full((1, 1, 96, 96, 3), 2.0), rtol=2e-3)
 
 
-@pytest.mark.slow
-def test_metal_balls_under_an_even_map_show_their_albedo() -> None:
-    """The rougher, the less; a smooth one shows all of it but at the edge."""
-    drawn = _balls([torch.ones(32, 64, 3)], page_balls())[0, :, 48, 48, 0]
-    assert float(drawn[0]) == pytest.approx(1.0, abs=0.01)
-    assert (drawn[:5].diff() < 0.01).all()
+def test_metal_balls_are_shown_as_bright_as_they_are_up_to_their_edge(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each as what its roughness gives (tests/shading), of which pixels at the edge have a part."""
+
+    def rendered(maps: torch.Tensor, roughness: list[float], *, size: int) -> torch.Tensor:
+        shown = torch.outer(maps.mean((1, 2, 3)), 1 - torch.tensor(roughness) / 2)
+        return shown[..., None, None, None] * coverage(size)[..., None].expand(size, size, 3)
+
+    monkeypatch.setattr("asglight.page.reference.render_balls", rendered)
+    balls = page_balls()
+    drawn = _balls([torch.full((32, 64, 3), level) for level in (1.0, 3.0)], balls)
+    assert [ball.roughness for ball in balls] == [*ROUGHNESS, None]
+    for place, roughness in enumerate(ROUGHNESS):
+        for map_, level in enumerate((1.0, 3.0)):
+            wanted = torch.full((96, 96, 3), level * (1 - roughness / 2))
+            torch.testing.assert_close(drawn[map_, place], wanted)
+
+
+def test_rough_metal_balls_under_an_even_map_show_their_albedo(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The rougher, the less; the others take seconds and are those of tests/shading."""
+    monkeypatch.setattr("asglight.page.reference.BALL", 64)
+    smoother, rough = _balls([torch.ones(8, 16, 3)], page_balls()[2:5:2])[0, :, 32, 32, 0].tolist()
+    assert smoother == pytest.approx(1.0, abs=0.01)
+    assert rough < smoother - 0.1
 
 
 @pytest.fixture

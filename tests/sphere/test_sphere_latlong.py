@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from effort import tries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -63,7 +64,8 @@ def test_direction_of_any_length_gives_the_literal_uv(
     assert (u.item(), v.item()) == pytest.approx(uv, abs=EXACT)
 
 
-@settings(deadline=None, max_examples=300)
+@pytest.mark.thorough
+@settings(deadline=None, max_examples=tries(300))
 @given(u=st.floats(0, 1), v=st.floats(0, 1))
 def test_uv_of_the_direction_of_uv_is_uv(u: float, v: float) -> None:
     direction = latlong.direction_from_uv(_double(u), _double(v))
@@ -74,7 +76,8 @@ def test_uv_of_the_direction_of_uv_is_uv(u: float, v: float) -> None:
     assert min(distance, math.sin(math.pi * v) - distance) == pytest.approx(0, abs=1e-15)
 
 
-@settings(deadline=None, max_examples=300)
+@pytest.mark.thorough
+@settings(deadline=None, max_examples=tries(300))
 @given(xyz=st.tuples(*[st.floats(-1, 1, allow_subnormal=False)] * 3))
 def test_direction_of_the_uv_of_a_direction_is_the_direction(
     xyz: tuple[float, float, float],

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from effort import tries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -52,7 +53,8 @@ def _brute_force(radiance: np.ndarray, height: int, width: int) -> np.ndarray:
     return result
 
 
-@settings(deadline=None, max_examples=80)
+@pytest.mark.thorough
+@settings(deadline=None, max_examples=tries(80))
 @given(source=sizes, target=sizes)
 def test_reduce_conserves_flux_for_any_pair_of_sizes(
     source: tuple[int, int], target: tuple[int, int]
@@ -63,7 +65,8 @@ def test_reduce_conserves_flux_for_any_pair_of_sizes(
     np.testing.assert_allclose(_flux(reduced), _flux(radiance), rtol=ROUNDING)
 
 
-@settings(deadline=None, max_examples=40)
+@pytest.mark.thorough
+@settings(deadline=None, max_examples=tries(40))
 @given(source=sizes, target=sizes, level=st.floats(1e-6, 1e6))
 def test_reduce_keeps_a_constant_map(
     source: tuple[int, int], target: tuple[int, int], level: float

@@ -48,17 +48,18 @@ def lights(path: Path, representation: Representation) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("form", Form)
-@pytest.mark.parametrize("representation", OF_LOBES)
-def test_every_light_is_turned_with_the_scene(form, representation, tmp_path):
-    y_up, z_up = (lights(path, representation) for path in written(tmp_path, form))
-    assert y_up.keys() == z_up.keys() != set()
-    for name, matrix in y_up.items():  # rows are the images of the local axes, then the place
-        np.testing.assert_allclose(
-            z_up[name][:, :3],
-            matrix[:, :3] @ TO_Z_UP.T,
-            # float32 quaternions, and a place 1000 away
-            atol=1e-6 * max(1.0, np.abs(matrix[3]).max()),
-        )
+def test_every_light_is_turned_with_the_scene(form, tmp_path):
+    paths = written(tmp_path, form)
+    for representation in OF_LOBES:
+        y_up, z_up = (lights(path, representation) for path in paths)
+        assert y_up.keys() == z_up.keys() != set()
+        for name, matrix in y_up.items():  # rows are the images of the local axes, then the place
+            np.testing.assert_allclose(
+                z_up[name][:, :3],
+                matrix[:, :3] @ TO_Z_UP.T,
+                # float32 quaternions, and a place 1000 away
+                atol=1e-6 * max(1.0, np.abs(matrix[3]).max()),
+            )
 
 
 def test_the_dome_stands_as_usd_itself_would_place_it(tmp_path):
@@ -83,10 +84,11 @@ def test_the_dome_images_are_the_same(tmp_path):
         assert images[0].read_bytes() == images[1].read_bytes()
 
 
-@pytest.mark.parametrize("form", Form)
-@pytest.mark.parametrize("extension", ["usda", "usdc"])
+@pytest.mark.parametrize(
+    ("form", "extension"), [*((form, "usda") for form in Form), (Form.ASG, "usdc")]
+)
 def test_the_same_tracks_come_back(form, extension, tmp_path):
-    tracks = moving(range(1001, 1020), form=form, jitter=0.1)
+    tracks = moving(range(1001, 1008), form=form, jitter=0.1)
     path = tmp_path / f"shot.{extension}"
     write_every(tracks, path, up_axis="Z", dome_height=2)
     assert_same(read_usd(path), tracks)

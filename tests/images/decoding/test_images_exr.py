@@ -9,6 +9,7 @@ import OpenEXR
 import OpenImageIO
 import pytest
 import torch
+from effort import tries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from places import SHARED
@@ -190,6 +191,7 @@ def window(left: int, top: int, width: int, height: int) -> tuple[np.ndarray, np
     return low, low + np.array([width - 1, height - 1], dtype=np.int32)
 
 
+@pytest.mark.thorough
 @given(
     left=st.integers(-6, 12),
     top=st.integers(-4, 10),
@@ -197,7 +199,7 @@ def window(left: int, top: int, width: int, height: int) -> tuple[np.ndarray, np
     height=st.integers(1, 8),
     origin=st.integers(-3, 3),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=tries(60), deadline=None)
 def test_data_window_lands_where_the_display_window_says(
     tmp_path_factory: pytest.TempPathFactory,
     left: int,

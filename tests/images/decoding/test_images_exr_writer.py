@@ -11,6 +11,7 @@ import OpenEXR
 import OpenImageIO
 import pytest
 import torch
+from effort import tries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -79,8 +80,9 @@ def test_transposed_tensor_is_written_as_it_looks(tmp_path: Path) -> None:
     np.testing.assert_array_equal(stored(tmp_path / "a.exr"), radiance.numpy())
 
 
+@pytest.mark.thorough
 @given(hnp.arrays(np.float32, (2, 4, 3), elements=st.floats(0, 2.0**127, width=32)))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=tries(30), deadline=None)
 def test_float_file_survives_a_round_trip(
     tmp_path_factory: pytest.TempPathFactory, values: np.ndarray
 ) -> None:

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stages to be edited, and tracks with edits that scipy and numpy made."""
 
+import functools
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import torch
 from scipy.spatial.transform import Rotation
-from usd_tracks import of_every_kind, write_every
+from usd_tracks import contents, of_every_kind, write_every
 
 from asglight.lobes import Form, LobeTracks
 from asglight.usd import read_usd
@@ -32,8 +34,22 @@ def changed(tracks: LobeTracks, lobe: int, frames: slice, *kinds: str) -> LobeTr
 
 
 def fit(folder: Path, form: Form = Form.ASG, name: str = "fit.usda") -> tuple[Path, LobeTracks]:
-    path = folder / name
-    write_every(
-        of_every_kind(FRAMES, form), path, distance=50.0, meters_per_unit=0.01, dome_height=8
-    )
-    return path, read_usd(path)
+    """Put a stage of three lobes into a folder, and read it."""
+    for place, data in _written(form, name).items():
+        (folder / place).parent.mkdir(exist_ok=True)
+        (folder / place).write_bytes(data)
+    return folder / name, read_usd(folder / name)
+
+
+@functools.cache
+def _written(form: Form, name: str) -> dict[str, bytes]:
+    """Return the files of the stage: what tests change is a copy."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_every(
+            of_every_kind(FRAMES, form),
+            Path(folder, name),
+            distance=50.0,
+            meters_per_unit=0.01,
+            dome_height=8,
+        )
+        return contents(Path(folder))

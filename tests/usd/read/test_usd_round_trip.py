@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from effort import tries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pxr import Sdf, Usd
@@ -50,7 +51,8 @@ def test_one_frame_comes_back(tmp_path):
     assert_same(read_usd(tmp_path / "shot.usda"), tracks)
 
 
-@settings(max_examples=15, deadline=None)
+@pytest.mark.thorough
+@settings(max_examples=tries(15), deadline=None)
 @given(
     frames=st.lists(st.integers(-50, 3000), min_size=1, max_size=6, unique=True).map(sorted),
     fps=st.sampled_from([23.976, 24.0, 29.97, 120.0]),

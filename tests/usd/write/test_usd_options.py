@@ -327,10 +327,17 @@ def test_a_layer_of_edits_keeps_the_options_of_its_stage(name, tmp_path):
 
 
 def test_every_pair_of_options_reads_back(tmp_path):
+    """Six stages show every pair in each of its four ways, with either, both and neither.
+
+    Each option is in three of five stages, no two of them in the same three: any two threes of five
+    have one in common, and each has one that the other lacks (pairwise covering).
+    """
     tracks = moving((1001, 1002))
-    defaults = {"dome_height": 2}
-    for first, second in itertools.combinations(EVERYTHING, 2):
-        chosen = {name: EVERYTHING[name] for name in (first, second)} | defaults
+    held = dict(zip(EVERYTHING, itertools.combinations(range(5), 3), strict=False))
+    assert held.keys() == EVERYTHING.keys()
+    for number in range(6):
+        options = {name: EVERYTHING[name] for name in EVERYTHING if number in held[name]}
+        chosen = {"dome_height": 2} | options
         write_every(tracks, tmp_path / "shot.usda", **chosen)
         assert_same(read_usd(tmp_path / "shot.usda"), tracks)
 

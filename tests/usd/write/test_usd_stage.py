@@ -18,8 +18,9 @@ from asglight.usd.options import OF_LOBES
 from asglight.usd.write import layer
 
 
-@pytest.mark.parametrize("form", Form)
-@pytest.mark.parametrize("extension", ["usda", "usdc"])
+@pytest.mark.parametrize(
+    ("form", "extension"), [*((form, "usda") for form in Form), (Form.ASG, "usdc")]
+)
 @pytest.mark.parametrize("representation", OF_LOBES)
 def test_all_usd_validators_and_the_own_lint_are_content(representation, extension, form, tmp_path):
     path = tmp_path / f"shot.{extension}"

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from effort import tries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.path import Path as Polygon
@@ -137,7 +138,8 @@ def test_a_bingham_lobe_of_one_small_sharpness_is_a_band_with_two_edges():
     np.testing.assert_allclose(half_angles(lobe)[0, 1], math.pi / 2)
 
 
-@settings(max_examples=60, deadline=None)
+@pytest.mark.thorough
+@settings(max_examples=tries(60), deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     sharpness=st.tuples(*[st.sampled_from([0.01, 0.9, 4.0, 50.0, 3e3])] * 2),

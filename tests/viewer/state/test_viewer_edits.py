@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from effort import tries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -112,7 +113,8 @@ def test_a_turn_takes_the_lobe_to_where_it_is_dragged():
     np.testing.assert_allclose(after.lobes.axis_z[1, 2], target, atol=FRAME_ROUNDING)
 
 
-@settings(max_examples=60, deadline=None)
+@pytest.mark.thorough
+@settings(max_examples=tries(60), deadline=None)
 @given(
     start=st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: math.hypot(*v) > 0.1),
     axis=st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: math.hypot(*v) > 0.1),
@@ -188,7 +190,8 @@ operations = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@pytest.mark.thorough
+@settings(max_examples=tries(60), deadline=None)
 @given(operations)
 def test_any_history_is_that_of_a_stack_of_whole_tracks(wanted):
     """The model keeps every state whole; the history must show the same bits at each step."""
