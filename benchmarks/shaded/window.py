@@ -61,6 +61,7 @@ def measured(case: str, stage: Path, reference: str) -> str:
     from imgui_bundle import hello_imgui, immapp
 
     from asglight.cli.sources.opening import Request, opened
+    from asglight.threads import one_thread
     from asglight.viewer import app, running, window
     from asglight.viewer.io import screenshot
     from asglight.viewer.state.views import Scene
@@ -117,7 +118,8 @@ def measured(case: str, stage: Path, reference: str) -> str:
     shown = Measured(session, lambda _path: None)
     params = running.runner_params(shown, running.SIZE)
     params.ini_disable = True
-    immapp.run(params, immapp.AddOnsParams(with_implot=True))
+    with one_thread():  # as `running.run` does
+        immapp.run(params, immapp.AddOnsParams(with_implot=True))
     shown.raise_failure()
     session.close()
     return shown.cells
@@ -167,6 +169,7 @@ def first_picture(stage: str) -> None:
     def show(session: Any, _opener: Callable[..., Any], size: Any) -> None:
         from imgui_bundle import hello_imgui, immapp
 
+        from asglight.threads import one_thread
         from asglight.viewer import running, window
         from asglight.viewer.io import screenshot
 
@@ -186,7 +189,8 @@ def first_picture(stage: str) -> None:
         screenshot.use_no_display()
         params = running.runner_params(First(session, lambda _path: None), size or running.SIZE)
         params.ini_disable = True
-        immapp.run(params, immapp.AddOnsParams(with_implot=True))
+        with one_thread():  # as `running.run` does
+            immapp.run(params, immapp.AddOnsParams(with_implot=True))
 
     app.show = show
     with contextlib.suppress(SystemExit):
