@@ -134,6 +134,7 @@ def runner_params(
     params.fps_idling.fps_idle = FPS_IDLE
     params.callbacks.post_init = window.opened
     params.callbacks.pre_new_frame = window.guarded(window.before_picture)
+    params.callbacks.before_imgui_render = window.guarded(window.drawn)
     params.callbacks.before_exit = window.closed
     params.callbacks.confirm_exit = window.confirm_exit
     kinds = hello_imgui.DefaultImGuiWindowType
