@@ -63,12 +63,15 @@ def failure(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
 
 
 def lambert_ball(path: Path) -> np.ndarray:
-    """Return the last ball of a bare screenshot of 700 x 120 with margins of 8.  [H, W, 3]."""
+    """Return the last ball of a bare screenshot of 700 x 140.  [H, W, 3].
+
+    It has margins of 8, a row of 20 for its title and one of 24 for its exposure.
+    """
     pixels = OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT)
     assert pixels is not None
-    assert pixels.shape == (120, 700, 3)
+    assert pixels.shape == (140, 700, 3)
     x, y, side = cells((684, 80), 6)[-1]
-    return pixels[8 + y : 8 + y + side, 8 + x : 8 + x + side]
+    return pixels[28 + y : 28 + y + side, 8 + x : 8 + x + side]
 
 
 def lit_by(ball: np.ndarray, channel: int) -> np.ndarray:
@@ -81,7 +84,7 @@ def lit_by(ball: np.ndarray, channel: int) -> np.ndarray:
 def test_screenshot_shows_the_balls_lit_from_where_the_lamps_are(
     stage: Path, tmp_path: Path
 ) -> None:
-    size = ("--bare", "--size", "700x120")
+    size = ("--bare", "--size", "700x140")
     result = run_viewer(stage, "--screenshot", tmp_path / "first.png", *size)
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
     assert view(stage, "--frame", "1004", "--screenshot", tmp_path / "last.png", *size) == 0
