@@ -61,7 +61,6 @@ def measured(case: str, stage: Path, reference: str) -> str:
     from imgui_bundle import hello_imgui, immapp
 
     from asglight.cli.sources.opening import Request, opened
-    from asglight.threads import one_thread
     from asglight.viewer import app, running, window
     from asglight.viewer.io import screenshot
     from asglight.viewer.state.views import Scene
@@ -118,7 +117,7 @@ def measured(case: str, stage: Path, reference: str) -> str:
     shown = Measured(session, lambda _path: None)
     params = running.runner_params(shown, running.SIZE)
     params.ini_disable = True
-    with one_thread():  # as `running.run` does
+    with running.as_pictures_need():
         immapp.run(params, immapp.AddOnsParams(with_implot=True))
     shown.raise_failure()
     session.close()
@@ -169,7 +168,6 @@ def first_picture(stage: str) -> None:
     def show(session: Any, _opener: Callable[..., Any], size: Any) -> None:
         from imgui_bundle import hello_imgui, immapp
 
-        from asglight.threads import one_thread
         from asglight.viewer import running, window
         from asglight.viewer.io import screenshot
 
@@ -189,7 +187,7 @@ def first_picture(stage: str) -> None:
         screenshot.use_no_display()
         params = running.runner_params(First(session, lambda _path: None), size or running.SIZE)
         params.ini_disable = True
-        with one_thread():  # as `running.run` does
+        with running.as_pictures_need():
             immapp.run(params, immapp.AddOnsParams(with_implot=True))
 
     app.show = show

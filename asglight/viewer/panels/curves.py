@@ -26,6 +26,8 @@ _MIDDLE_EM = 11.0
 NUMBERS = 5
 """On a logarithmic axis about so many, which the lowest plot has room for."""
 
+_NO_GROUND = ImVec4(0, 0, 0, 0)
+
 TITLES = ("amplitude", "sharpness", "direction")
 
 
@@ -41,10 +43,14 @@ def curves(state: ViewerState) -> None:
     flags = implot.SubplotFlags_.link_all_x | implot.SubplotFlags_.no_resize
     # Another shot has plots of its own: these would keep the range of the one before.
     name = f"##curves {frames[0]:.0f}-{frames[-1]:.0f}"
+    # They stand on the panel's ground: without a GPU an area costs what it is painted again for.
+    for colour in (implot.Col_.frame_bg, implot.Col_.plot_bg):
+        implot.push_style_color(colour, _NO_GROUND)
     if implot.begin_subplots(name, 1, 3, ImVec2(room.x, room.y), flags):
         for title, tracks in zip(TITLES, values, strict=True):
             _plot(state, title, frames, tracks, is_logarithmic=title != TITLES[2])
         implot.end_subplots()
+    implot.pop_style_color(2)
 
 
 def without_curves(state: ViewerState) -> str:

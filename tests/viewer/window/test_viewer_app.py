@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`asglight view` and `viewer.py` as a user starts them: pictures, the check, every message."""
 
+import gc
 import importlib
 import os
 import subprocess
@@ -23,6 +24,7 @@ from asglight.usd import write_usd
 from asglight.viewer import app
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.io import saving, screenshot
+from asglight.viewer.running import as_pictures_need
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.viewer_state import ViewerState
@@ -78,6 +80,21 @@ def lit_by(ball: np.ndarray, channel: int) -> np.ndarray:
     """Return row and column of the centre of what one lamp lights."""
     other = 1 - channel
     return np.argwhere(ball[..., channel] - ball[..., other] > 0.2).mean(axis=0)
+
+
+def test_pictures_have_one_thread_and_what_is_loaded_is_not_gone_through_for_garbage(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    threads = torch.get_num_threads()
+    gc.disable()  # as the command does until its window runs
+    with as_pictures_need():
+        assert gc.isenabled()
+        assert gc.get_freeze_count() > 10_000
+        assert torch.get_num_threads() == 1
+    assert gc.get_freeze_count() == 0
+    assert torch.get_num_threads() == threads
+    failure(capsys, "missing.usda")
+    assert gc.isenabled()  # also where nothing could be opened
 
 
 @pytest.mark.usefixtures("opengl")
