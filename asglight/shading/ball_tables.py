@@ -13,15 +13,17 @@ Symbols: N angles of normals; C azimuths of normals; T angles of lights; M Fouri
 
 import functools
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import torch
-from scipy import sparse
 from torch import Tensor
 
 from asglight.shading import ggx
 from asglight.sphere import latlong
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 
 class Grid(NamedTuple):
@@ -218,8 +220,10 @@ def _coefficients(kernel: Tensor, of_even: Tensor, size: Grid) -> Tensor:
 
 
 @functools.lru_cache(maxsize=2)
-def _dealing(rotation: bytes, rows: int) -> sparse.csc_array:
+def _dealing(rotation: bytes, rows: int) -> "sparse.csc_array":
     """Return the matrix that deals each texel of a map out to four about the view, linearly."""
+    from scipy import sparse  # a window without a reference opens sooner
+
     camera_from_world = torch.from_numpy(np.frombuffer(rotation).reshape(3, 3).copy()).float()
     seen = latlong.directions(rows, 2 * rows).flatten(0, 1) @ camera_from_world.mT
     azimuth = torch.atan2(seen[:, 1], seen[:, 0])

@@ -6,6 +6,7 @@ The packages that only the viewer needs are loaded here, when they are needed.
 """
 
 import contextlib
+import gc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -115,6 +116,7 @@ def write_rendering(session: Session, wanted: "Wanted") -> Iterator[int]:
         from asglight.viewer.gl import context
         from asglight.viewer.gl.renderer import Renderer
         from asglight.viewer.io.rendering import Rendering
+    gc.enable()  # a film may be long
     session.wait()
     if session.meters:
         session.update()

@@ -103,7 +103,7 @@ class Window:
         self._lay_out()
         # What a panel left open when it raised is closed for it; `run` raises the error itself.
         imgui.get_io().config_error_recovery_enable_assert = False
-        self.renderer = Renderer(self.context)
+        self.renderer = Renderer(self.context, screens_wait=True)
         if _remembers():
             chosen = self.state.display.transform, self.state.display.colour_view
             settings.restore(self.state, hello_imgui.load_user_pref(_SETTINGS))
@@ -223,6 +223,10 @@ class Window:
     def status(self) -> None:
         """Draw the line at the bottom."""
         help_panel.status_line(self.state, self.session)
+
+    def drawn(self) -> None:
+        """Bring pictures to the screen when all panels have said what they show."""
+        self.renderer.draw_screens()
 
     def menus(self) -> None:
         """Draw the menus."""

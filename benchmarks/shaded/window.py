@@ -117,7 +117,8 @@ def measured(case: str, stage: Path, reference: str) -> str:
     shown = Measured(session, lambda _path: None)
     params = running.runner_params(shown, running.SIZE)
     params.ini_disable = True
-    immapp.run(params, immapp.AddOnsParams(with_implot=True))
+    with running.as_pictures_need():
+        immapp.run(params, immapp.AddOnsParams(with_implot=True))
     shown.raise_failure()
     session.close()
     return shown.cells
@@ -186,7 +187,8 @@ def first_picture(stage: str) -> None:
         screenshot.use_no_display()
         params = running.runner_params(First(session, lambda _path: None), size or running.SIZE)
         params.ini_disable = True
-        immapp.run(params, immapp.AddOnsParams(with_implot=True))
+        with running.as_pictures_need():
+            immapp.run(params, immapp.AddOnsParams(with_implot=True))
 
     app.show = show
     with contextlib.suppress(SystemExit):

@@ -3,6 +3,7 @@
 
 import argparse
 import contextlib
+import gc
 import math
 import sys
 from pathlib import Path
@@ -64,6 +65,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Show or write what the arguments ask for."""
+    gc.disable()  # until the window runs: packages and stage are objects that stay
+    try:
+        return _run(arguments)
+    finally:
+        gc.enable()
+
+
+def _run(arguments: argparse.Namespace) -> int:
     if arguments.check:
         from asglight.viewer import app
 

@@ -65,7 +65,10 @@ def opened(request: Request) -> "Session":
     _check(request, stage)
     against = None if request.against is None else _against(request.against)
     if stage is not None:
-        session = _stage(stage, request)
+        from asglight.threads import one_thread
+
+        with one_thread():  # a shot's lobes are too few to be worth waking others
+            session = _stage(stage, request)
     elif request.input is None:
         session = _built_in(request)
     else:

@@ -50,8 +50,13 @@ class Counts:
 class Renderer:
     """Draws a viewer's state. An unchanged state draws nothing."""
 
-    def __init__(self, context: moderngl.Context) -> None:
-        """Compile the passes that every picture needs; the reference's follow when asked for."""
+    def __init__(self, context: moderngl.Context, *, screens_wait: bool = False) -> None:
+        """Compile the passes that every picture needs; the reference's follow when asked for.
+
+        Args:
+            context: Where to draw.
+            screens_wait: Whether `balls` and `map` return targets that `draw_screens` draws into.
+        """
         self._context = context
         self._albedo_table = albedo_table(context)
         self._closed_form = ClosedForm(context, self._albedo_table)
@@ -61,7 +66,7 @@ class Renderer:
         self._keyed_balls: KeyedBalls | None = None
         self._reference_map = ReferenceMap(context)
         self._lit_map = ReferenceMap(context)
-        self._screens = Screens(context)
+        self._screens = Screens(context, waits=screens_wait)
         self._blank = context.texture((1, 1), 4, bytes(16), dtype="f4")
         background_pass = BackgroundPass(context)
         self._backgrounds = (
@@ -137,6 +142,10 @@ class Renderer:
         pair = self._last_map = Picture(lights_map.texture), reference
         versions = lights_map.version, self._reference_map.version, *self._of_b_versions
         return self._screens.bring("map", state, state.shown_map, Pictures(*pair), versions, size)
+
+    def draw_screens(self) -> None:
+        """Draw the screens that wait."""
+        self._screens.draw_waiting()
 
     def scoped(self, state: ViewerState) -> Scoped | None:
         """Measure a picture as it was drawn last; while something moves the last one stays."""

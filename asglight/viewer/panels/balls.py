@@ -16,16 +16,25 @@ from asglight.viewer.state.views import Probe, Scene
 _WIPE_GRIP = 0.6
 """Half width, in heights of the font, of the strip where the wipe line can be taken."""
 
+_TITLE_EM = 1.25
+"""Heights of the font of the row above the picture."""
+
+_SPACE = "      "
+"""Between titles on one row."""
+
 _MOUSE = int(imgui.ButtonFlags_.mouse_button_left) | int(imgui.ButtonFlags_.mouse_button_right)
 
 
 def balls(state: ViewerState, renderer: Renderer) -> None:
     """Draw the picture as large as the room, with what lies over it."""
     room = imgui.get_content_region_avail()
-    points = max(1, int(room.x)), max(1, int(room.y - legend.room_below()))
+    above = widgets.em(_TITLE_EM)
+    points = max(1, int(room.x)), max(1, int(room.y - above - legend.room_below()))
     density = imgui.get_io().display_framebuffer_scale
     size = round(points[0] * density.x), round(points[1] * density.y)
-    origin = imgui.get_cursor_screen_pos()
+    corner = imgui.get_cursor_screen_pos()
+    origin = ImVec2(corner.x, corner.y + round(above))  # whole points: a texel is a pixel
+    imgui.set_cursor_screen_pos(origin)
     target = renderer.balls(state, size)
     imgui.image(imgui.ImTextureRef(target.color_attachments[0].glo), ImVec2(*points))
     imgui.set_cursor_screen_pos(origin)
@@ -38,6 +47,7 @@ def balls(state: ViewerState, renderer: Renderer) -> None:
         _probe(state, points, (pointer.x - origin.x, pointer.y - origin.y))
     inspect(state, renderer, points)
     _pin(state, origin, points)
+    _titles(state, renderer, corner, points[0])
     _labels(state, renderer, origin, points)
     legend.legend(state, state.shown, ImVec2(origin.x, origin.y + points[1]), points[0])
 
@@ -92,52 +102,59 @@ def _pin(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
         widgets.cross(origin.x + probe.x * points[0], y)
 
 
+def _titles(state: ViewerState, renderer: Renderer, origin: ImVec2, width: float) -> None:
+    """Say above the picture what it shows: on a row of its own, whatever the size of the balls."""
+    left, right = _title(state, renderer)
+    draw = imgui.get_window_draw_list()
+    draw.add_text(origin, widgets.ink(0.9), left)
+    if right:
+        end = origin.x + width - imgui.calc_text_size(right).x
+        draw.add_text(ImVec2(end, origin.y), widgets.ink(0.9), right)
+
+
+def _title(state: ViewerState, renderer: Renderer) -> tuple[str, str]:
+    """Return what stands above the picture, left and right."""
+    fit, reference, truth = titles(state)
+    if state.scene is Scene.GROUND:
+        light = fit if state.keyed is None else "Lobes, as fitted: keys and rest light balls only"
+        return f"{light}, {state.balls[state.ground_ball].name}", ""
+    progress = "   preview" if state.is_moving and state.references else _progress(renderer)
+    shown, has_truth = state.shown, state.parts == 3
+    if shown is Comparison.ROWS and has_truth:
+        return _SPACE.join([f"above: {fit}", f"middle: {reference}", f"below: {truth}"]), progress
+    second = reference if has_truth else f"{reference}{progress}"
+    if shown is Comparison.ROWS:
+        return f"above: {fit}{_SPACE}below: {second}", ""
+    if shown is Comparison.FIT:
+        return fit, ""
+    if shown is Comparison.REFERENCE:
+        return second, ""
+    if shown is Comparison.WIPE:
+        return fit, second
+    sign = "minus" if shown is Comparison.DIFFERENCE else "over"
+    return f"{fit} {sign} {second}", ""
+
+
 def _labels(
     state: ViewerState, renderer: Renderer, origin: ImVec2, points: tuple[int, int]
 ) -> None:
-    """Say what each row of balls is, and how far each ball is off."""
-    fit, reference, truth = titles(state)
-    progress = "   preview" if state.is_moving and state.references else _progress(renderer)
-    pad = widgets.em(0.4)
+    """Name the balls, and say how far each is off."""
     if state.scene is Scene.GROUND:
-        light = fit if state.keyed is None else "Lobes, as fitted: keys and rest light balls only"
-        title = f"{light}, {state.balls[state.ground_ball].name}"
-        widgets.label_over(origin.x + pad, origin.y + pad, title)
         return
-    shown = state.shown
     top, rows = strip(points[1], state.parts)
     has_truth = state.parts == 3
-    errors = renderer.ball_errors(state) if state.parts > 1 else None
-    of_b = renderer.ball_errors(state, of_b=True) if has_truth else None
-    left, right = origin.x + pad, origin.x + points[0] - pad
+    errors = _percent(renderer.ball_errors(state) if state.parts > 1 else None)
+    of_b = _percent(renderer.ball_errors(state, of_b=True) if has_truth else None)
     size = points[0], rows
-    if shown is Comparison.ROWS:
-        lines = [(fit, None), (f"{reference}{progress}", _percent(errors))]
-        if has_truth:
-            lines = [(fit, _percent(errors)), (reference, _percent(of_b))]
-            lines.append((f"{truth}{progress}", None))
-        for part, (title, texts) in enumerate(lines):
-            place = ImVec2(origin.x, origin.y + part * rows)
-            _ball_labels(state, size, place, texts)
-            widgets.label_over(left, place.y + pad, title)
+    if state.shown is Comparison.ROWS:
+        lines = [errors, of_b, None] if has_truth else [None, errors]
+        for part, texts in enumerate(lines[: state.parts]):
+            _ball_labels(state, size, ImVec2(origin.x, origin.y + part * rows), texts)
         return
-    place = ImVec2(origin.x, origin.y + top)
-    texts = _percent(errors)
-    if has_truth and texts is not None and of_b is not None:
-        texts = [f"\nA {a}\nB {b}" for a, b in zip(texts, _percent(of_b) or texts, strict=True)]
-    _ball_labels(state, size, place, texts)
-    line = place.y + pad
-    second = reference if has_truth else f"{reference}{progress}"
-    if shown is Comparison.FIT:
-        widgets.label_over(left, line, fit)
-    elif shown is Comparison.REFERENCE:
-        widgets.label_over(left, line, second)
-    elif shown is Comparison.WIPE:
-        widgets.label_over(left, line, fit)
-        widgets.label_over(right, line, second, align=1.0)
-    else:
-        sign = "minus" if shown is Comparison.DIFFERENCE else "over"
-        widgets.label_over(left, line, f"{fit} {sign} {second}")
+    texts = errors
+    if errors is not None and of_b is not None:
+        texts = [f"\nA {a}\nB {b}" for a, b in zip(errors, of_b, strict=True)]
+    _ball_labels(state, size, ImVec2(origin.x, origin.y + top), texts)
 
 
 def _percent(errors: list[float | None] | None) -> list[str] | None:
@@ -160,13 +177,19 @@ def _ball_labels(
     names = [ball.name for ball in row]
     gap = "" if errors[0].startswith("\n") else "   "
     labels = [f"{name}{gap}{error}".rstrip() for name, error in zip(names, errors, strict=True)]
-    widest = max(imgui.calc_text_size(label).x for label in labels)
+    room = 1.2 * arrangement[0].size
     # One would touch its neighbour, or one of another row would: all are shortened.
-    if widest > 1.2 * arrangement[0].size or state.parts == 3:
+    if _widest(labels) > room or state.parts == 3:
         labels = [label.removeprefix("roughness ") for label in labels]
+    if _widest(labels) > room and any(errors):  # the balls are the same in every picture
+        labels = [error.strip() for error in errors]
     for cell, label in zip(arrangement, labels, strict=True):
         x, y = _under(cell, origin, points)
         widgets.label_over(x, y, label, align=0.5)
+
+
+def _widest(labels: list[str]) -> float:
+    return max(imgui.calc_text_size(label).x for label in labels)
 
 
 def _under(cell: Cell, origin: ImVec2, points: tuple[int, int]) -> tuple[float, float]:

@@ -26,6 +26,8 @@ _MIDDLE_EM = 11.0
 NUMBERS = 5
 """On a logarithmic axis about so many, which the lowest plot has room for."""
 
+_NO_GROUND = ImVec4(0, 0, 0, 0)
+
 TITLES = ("amplitude", "sharpness", "direction")
 
 
@@ -41,10 +43,14 @@ def curves(state: ViewerState) -> None:
     flags = implot.SubplotFlags_.link_all_x | implot.SubplotFlags_.no_resize
     # Another shot has plots of its own: these would keep the range of the one before.
     name = f"##curves {frames[0]:.0f}-{frames[-1]:.0f}"
+    # They stand on the panel's ground: without a GPU an area costs what it is painted again for.
+    for colour in (implot.Col_.frame_bg, implot.Col_.plot_bg):
+        implot.push_style_color(colour, _NO_GROUND)
     if implot.begin_subplots(name, 1, 3, ImVec2(room.x, room.y), flags):
         for title, tracks in zip(TITLES, values, strict=True):
             _plot(state, title, frames, tracks, is_logarithmic=title != TITLES[2])
         implot.end_subplots()
+    implot.pop_style_color(2)
 
 
 def without_curves(state: ViewerState) -> str:
@@ -120,19 +126,24 @@ def _plot(
         implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
         numbers = log_ticks(*limits)
         implot.setup_axis_ticks(implot.ImAxis_.y1, numbers, [f"{n:g}" for n in numbers])
-    lights = (state.tracks.lobes.amplitude > 0).any(-1).any(0).tolist()  # in any frame
-    for lobe, values in enumerate(tracks):
-        if not lights[lobe] or lobe in state.history.deleted:
-            continue
-        spec = implot.Spec()
-        is_selected = lobe in state.selected
-        spec.line_color = widgets.ACCENT if is_selected else _faint()
-        spec.line_weight = 2.0 if is_selected else 1.0
-        implot.plot_line(state.lobe_names[lobe], frames, values, spec)
+    lights, selected, names = _that_light(Held(state.tracks)), state.selected, state.lobe_names
+    faint, chosen = implot.Spec(), implot.Spec()
+    faint.line_color, chosen.line_color = _faint(), widgets.ACCENT
+    faint.line_weight, chosen.line_weight = 1.0, 2.0
+    for lobe in state.history.present:
+        if lights[lobe]:
+            spec = chosen if lobe in selected else faint
+            implot.plot_line(names[lobe], frames, tracks[lobe], spec)
     moved, frame, *_ = implot.drag_line_x(0, state.playback.time, widgets.ACCENT)
     if moved:
         state.playback.go_to(round(frame))
     implot.end_plot()
+
+
+@lru_cache(maxsize=2)
+def _that_light(tracks: Held[LobeTracks]) -> list[bool]:
+    """Tell which lobes give light in any frame.  [N]."""
+    return (tracks.value.lobes.amplitude > 0).any(-1).any(0).tolist()
 
 
 def _limits(tracks: np.ndarray, is_logarithmic: bool) -> tuple[float, float]:

@@ -144,16 +144,20 @@ def _lobes(state: ViewerState, origin: ImVec2, points: tuple[int, int]) -> None:
     }[state.outlines]
     are_keys = state.keyed is not None
     others = _KEY if are_keys else widgets.FAINT
-    segments = outlines.DRAFT_SEGMENTS if state.playback.is_playing else outlines.RING_SEGMENTS
-    shows_all = state.outlines is Outlines.ALL
+    is_draft = state.playback.is_playing
+    segments = outlines.DRAFT_SEGMENTS if is_draft else outlines.RING_SEGMENTS
     moment = Held(state.tracks), state.playback.index, state.playback.part
+    shows_all = state.outlines is Outlines.ALL
     drawn = _curves(*moment, are_keys, segments) if shows_all else []
     centres = torch.stack(latlong.uv_from_direction(state.lobes.axis_z), dim=-1).tolist()
     for index in wanted:
         is_selected = index in selected
         shade = widgets.ACCENT if is_selected else others
         colour = widgets.colour(shade, 1.0 if index in lit else 0.35)
-        outline = _outline(*moment, index, are_keys) if is_selected else None
+        # As fine as the others while the shot plays; its arms come back at rest.
+        outline = None
+        if is_selected and not (is_draft and shows_all):
+            outline = _outline(*moment, index, are_keys)
         for line in outline.curves if outline else drawn[index]:
             if are_keys:
                 _polyline(draw, line, origin, points, widgets.colour(_SHADOW), 4.0)

@@ -206,15 +206,15 @@ def colour(vector: ImVec4, alpha: float = 1.0) -> int:
     return imgui.get_color_u32(ImVec4(vector.x, vector.y, vector.z, vector.w * alpha))
 
 
-def hue(amplitude: np.ndarray) -> tuple[float, float, float]:
-    """Return the colour of a light without its strength, for sRGB.
+def hues(amplitudes: np.ndarray) -> list[tuple[float, float, float]]:
+    """Return the colours of lights without their strength, for sRGB.
 
     Args:
-        amplitude: Linear RGB.  [3]
+        amplitudes: Linear RGB.  [N, 3]
     """
-    peak = max(float(amplitude.max()), 1e-30)  # 1e-30: a dark lobe is black
-    red, green, blue = (float(value) for value in np.clip(amplitude / peak, 0, 1) ** (1 / 2.2))
-    return red, green, blue
+    peaks = np.maximum(amplitudes.max(-1, keepdims=True), 1e-30)  # 1e-30: a dark lobe is black
+    shown = (np.clip(amplitudes / peaks, 0, 1) ** (1 / 2.2)).tolist()
+    return [(red, green, blue) for red, green, blue in shown]
 
 
 def cross(x: float, y: float) -> None:

@@ -69,12 +69,17 @@ def outlines(lobes: Lobes, level: float = HALF_PEAK) -> list[Outline]:
         lobes: N lobes of one frame.  [N, .]
         level: Share of the peak, between 0 and 1.
     """
-    found = curves(lobes, level)
+    found = zip(curves(lobes, level), arms(lobes, level), strict=True)
+    return [Outline(drawn, *both) for drawn, both in found]
+
+
+def arms(lobes: Lobes, level: float = HALF_PEAK) -> list[tuple[Polylines, Polylines]]:
+    """Return the arms of each lobe alone, along axis_x and axis_y; arguments as of `outlines`."""
     centre = np.tile(np.arange(lobes.count), len(_sides(lobes)))
-    arms = [polylines(_arcs(lobes, axis, level), len(centre)) for axis in (0, 1)]
+    drawn = polylines(_arcs(lobes, level), 2 * len(centre))
+    along_x, along_y = drawn[: len(centre)], drawn[len(centre) :]
     return [
-        Outline(found[index], _of(arms[0], centre, index), _of(arms[1], centre, index))
-        for index in range(lobes.count)
+        (_of(along_x, centre, index), _of(along_y, centre, index)) for index in range(lobes.count)
     ]
 
 
@@ -217,11 +222,13 @@ def _sides(lobes: Lobes) -> tuple[float, ...]:
     return (1.0, -1.0) if lobes.form is Form.BINGHAM else (1.0,)
 
 
-def _arcs(lobes: Lobes, axis: int, level: float) -> _Arcs:
+def _arcs(lobes: Lobes, level: float) -> _Arcs:
+    """Return the arcs along axis_x through every centre, then those along axis_y."""
     axes, sides = _axes(lobes), _sides(lobes)
     toward = np.concatenate([side * axes[:, 2] for side in sides])
-    angles = half_angles(lobes, level)[:, axis].numpy()
-    return _Arcs(toward, np.tile(axes[:, axis], (len(sides), 1)), np.tile(angles, len(sides)))
+    angles = half_angles(lobes, level).numpy().T  # [2, N]
+    along = np.concatenate([np.tile(axes[:, axis], (len(sides), 1)) for axis in (0, 1)])
+    return _Arcs(np.tile(toward, (2, 1)), along, np.tile(angles, len(sides)).ravel())
 
 
 def _axes(lobes: Lobes) -> Array:

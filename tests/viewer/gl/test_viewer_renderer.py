@@ -260,3 +260,22 @@ def test_stopwatch_measures_once(opengl: moderngl.Context, two_lamps: LobeTracks
         times.append(stopwatch.seconds())
     assert stopwatch.seconds() is None
     assert any(seconds is not None and 0 < seconds < 4 for seconds in times[1:])
+
+
+def test_screens_that_wait_show_what_was_wanted_when_it_was_wanted(
+    opengl: moderngl.Context, two_lamps: LobeTracks
+) -> None:
+    state = ViewerState(two_lamps)
+    at_once = Renderer(opengl)
+    expected = [pixels(show(state, SIZE)) for show in (at_once.balls, at_once.map)]
+    waiting = Renderer(opengl, screens_wait=True)
+    targets = waiting.balls(state, SIZE), waiting.map(state, SIZE)
+    assert waiting.counts.displayed == 0
+    state.display.expose(3.0)  # a panel that comes later changes the next picture, not this one
+    waiting.draw_screens()
+    assert waiting.counts.displayed == 2
+    for target, picture in zip(targets, expected, strict=True):
+        assert len(np.unique(picture)) > 5  # shades of a light, not one colour
+        np.testing.assert_array_equal(pixels(target), picture)
+    waiting.draw_screens()
+    assert waiting.counts.displayed == 2

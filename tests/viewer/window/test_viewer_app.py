@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`asglight view` and `viewer.py` as a user starts them: pictures, the check, every message."""
 
+import gc
 import importlib
 import os
 import subprocess
@@ -23,6 +24,7 @@ from asglight.usd import write_usd
 from asglight.viewer import app
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.io import saving, screenshot
+from asglight.viewer.running import as_pictures_need
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.viewer_state import ViewerState
@@ -63,12 +65,15 @@ def failure(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
 
 
 def lambert_ball(path: Path) -> np.ndarray:
-    """Return the last ball of a bare screenshot of 700 x 120 with margins of 8.  [H, W, 3]."""
+    """Return the last ball of a bare screenshot of 700 x 140.  [H, W, 3].
+
+    It has margins of 8, a row of 20 for its title and one of 24 for its exposure.
+    """
     pixels = OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT)
     assert pixels is not None
-    assert pixels.shape == (120, 700, 3)
+    assert pixels.shape == (140, 700, 3)
     x, y, side = cells((684, 80), 6)[-1]
-    return pixels[8 + y : 8 + y + side, 8 + x : 8 + x + side]
+    return pixels[28 + y : 28 + y + side, 8 + x : 8 + x + side]
 
 
 def lit_by(ball: np.ndarray, channel: int) -> np.ndarray:
@@ -77,11 +82,26 @@ def lit_by(ball: np.ndarray, channel: int) -> np.ndarray:
     return np.argwhere(ball[..., channel] - ball[..., other] > 0.2).mean(axis=0)
 
 
+def test_pictures_have_one_thread_and_what_is_loaded_is_not_gone_through_for_garbage(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    threads = torch.get_num_threads()
+    gc.disable()  # as the command does until its window runs
+    with as_pictures_need():
+        assert gc.isenabled()
+        assert gc.get_freeze_count() > 10_000
+        assert torch.get_num_threads() == 1
+    assert gc.get_freeze_count() == 0
+    assert torch.get_num_threads() == threads
+    failure(capsys, "missing.usda")
+    assert gc.isenabled()  # also where nothing could be opened
+
+
 @pytest.mark.usefixtures("opengl")
 def test_screenshot_shows_the_balls_lit_from_where_the_lamps_are(
     stage: Path, tmp_path: Path
 ) -> None:
-    size = ("--bare", "--size", "700x120")
+    size = ("--bare", "--size", "700x140")
     result = run_viewer(stage, "--screenshot", tmp_path / "first.png", *size)
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
     assert view(stage, "--frame", "1004", "--screenshot", tmp_path / "last.png", *size) == 0

@@ -15,6 +15,7 @@ from windows import Drive, Driven
 from asglight.lobes import LobeTracks
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.panels.curves import _limits, track_curves
+from asglight.viewer.state.display import Comparison
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.views import Outlines, Theme
 
@@ -73,6 +74,61 @@ def test_everything_is_inside_of_the_window_and_the_balls_are_large_enough(
     assert menu.max() - menu.min() > 0.5
     background = np.median(menu)
     assert background > 0.7 if theme is Theme.LIGHT else background < 0.3
+
+
+def texts_beside_the_balls(picture: np.ndarray, place: Any, parts: int) -> float:
+    """Return how far anything above the balls of each row is from the ground of the picture."""
+    left, right = int(place.min.x), int(place.max.x)
+    top, bottom = int(place.min.y), int(place.max.y)
+    balls = picture[top:bottom, left:right]
+    each = balls.shape[0] // 2
+    ground = balls[1, 1]
+    found = 0.0
+    x, y, side = cells((balls.shape[1], each), 6)[0]
+    for first in (0, each) if parts == 2 else (each // 2,):
+        row = balls[first : first + each]
+        # what lies beside the first ball and above its middle, where a title would begin
+        above, beside = row[1 : y - 1], row[1 : y + side // 2, : max(x - 1, 0)]
+        found = max(found, *(float(np.abs(one - ground).max(initial=0)) for one in (above, beside)))
+    return found
+
+
+@pytest.mark.parametrize("theme", list(Theme))
+@pytest.mark.parametrize(("size", "scale"), SIZES)
+def test_titles_have_a_row_of_their_own_above_the_balls(
+    drive: Drive,
+    two_lamps: LobeTracks,
+    tmp_path: Path,
+    size: tuple[int, int],
+    scale: float,
+    theme: Theme,
+) -> None:
+    def script(test: Any, driven: Driven) -> None:
+        driven.state.theme = theme
+        rows = []
+        for shown, parts in ((Comparison.ROWS, 2), (Comparison.DIFFERENCE, 1)):
+            driven.state.compared.comparison = shown
+            test.mouse_move_to_pos(ImVec2(5, 5))
+            test.yield_(5)
+            path = tmp_path / "window.png"
+            testing.capture(test, str(path))
+            read = OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT)
+            assert read is not None
+            picture = read[..., :3]
+            place = box(test, "Balls/##picture")
+            assert texts_beside_the_balls(picture, place, parts) < 0.02
+            em = imgui.get_font_size()
+            top = int(place.min.y)
+            row = picture[int(top - 1.2 * em) : top, int(place.min.x) : int(place.max.x)]
+            ground = np.median(row.reshape(-1, 3), axis=0)
+            written = np.abs(row - ground).max(-1) > 0.3
+            assert written.any()
+            columns = np.flatnonzero(written.any(0))
+            assert columns[-1] < row.shape[1] - 1  # it ends inside of the panel
+            rows.append(written)
+        assert (rows[0] != rows[1]).any()  # and says which picture it is
+
+    windows.drive(two_lamps, script, with_reference=True, size=size, scale=scale)
 
 
 def test_play_and_pause_leave_the_row_where_it_is(drive: Drive) -> None:

@@ -5,13 +5,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 import windows
+from bench_scripts import module
 from commands import run_asglight
-from imgui_bundle import imgui
-from key_cases import Rectangle, with_lamps
+from imgui_bundle import ImVec2, imgui
+from key_cases import Rectangle, corner_error, with_lamps
 from keyed_stages import FRAMES, write
+from pxr import Usd
 from windows import Driven, map_point, wait_for
 
 from asglight.cli.sources.opening import opened_in_window
@@ -22,6 +25,8 @@ from asglight.usd import read_keys
 from asglight.viewer.state.display import LUMINANCE
 from asglight.viewer.state.edits.absolute import lamp_of
 from asglight.viewer.state.views import Request, Scene
+
+judge = module("keyed.seen")
 
 LAMPS = (Rectangle(20, 30, 15, 20, 9), Rectangle(200, 10, 0, 12, 12))
 ROWS = 64
@@ -173,3 +178,62 @@ def test_without_a_pointer_a_key_is_added_where_the_camera_looks(
         assert lamp(driven, 2).radiance > 0
 
     drive(script)
+
+
+SLANTED = Rectangle(150, 20, 15, 30, 22, slant=45, about=40)
+
+
+def resized(light: Any, factor: float) -> np.ndarray:
+    """Return the corners of a light of UsdLux with its width times a factor, as seen.  [4, 3]."""
+    matrix = np.linalg.inv(light.to_local)
+    half = np.array(light.half) * [factor, 1]
+    points = [[x * half[0], y * half[1], 0, 1] for x, y in judge.ROUND] @ matrix
+    return points[:, :3] / np.linalg.norm(points[:, :3], axis=-1, keepdims=True)
+
+
+def test_a_slanted_key_that_is_resized_by_the_mouse_stays_slanted_and_is_saved_so(
+    drive: Callable[..., None], stage: Path
+) -> None:
+    for frame in FRAMES[:2]:
+        write_exr(stage.parent / f"sky.{frame}.exr", with_lamps(ROWS, SLANTED), half=False)
+    write(stage.parent, frames=FRAMES[:2], count=1)
+    layer = stage.parent / "edits.usda"
+    [before] = judge.lights(Usd.Stage.Open(str(stage)), FRAMES[0])
+    assert corner_error(resized(before, 1.0), SLANTED.corners()) < np.radians(1)
+    shown: dict[str, Any] = {}
+
+    def script(test: Any, driven: Driven) -> None:
+        state = driven.state
+        state.select(0)
+        test.yield_(3)
+        before_drag, first = state.lobes.slant, lamp(driven, 0)
+        assert before_drag is not None
+        slant = before_drag[0].clone()
+        assert slant[2:4].norm() > np.radians(35)  # 45 degrees that the lamp is slanted by
+        box = test.item_info("Lobes/width").rect_full
+        middle = (box.min.y + box.max.y) / 2
+        for step, share in enumerate((0.2, 0.3, 0.34)):
+            test.mouse_move_to_pos(ImVec2(box.min.x + share * (box.max.x - box.min.x), middle))
+            if step == 0:
+                test.mouse_down(0)
+            test.yield_(2)
+        test.mouse_up(0)
+        test.yield_(2)
+        assert len(state.history.steps) == 1
+        last = lamp(driven, 0)
+        assert last.width > first.width + 5
+        for name in ("height", "azimuth", "elevation", "roll", "radiance"):
+            assert getattr(last, name) == pytest.approx(getattr(first, name), rel=1e-4)
+        after_drag = state.lobes.slant
+        assert after_drag is not None
+        assert torch.equal(after_drag[0], slant)
+        shown["factor"] = np.tan(np.radians(last.width) / 2) / np.tan(np.radians(first.width) / 2)
+        driven.window.save(Request.SAVE_EDITS, layer)
+        wait_for(test, driven, "Saved edits.usda.")
+
+    drive(script)
+    [after] = judge.lights(Usd.Stage.Open(str(layer)), FRAMES[0])
+    wanted = resized(before, shown["factor"])
+    assert corner_error(resized(after, 1.0), wanted) < 1e-4  # a stage holds float32
+    # 5 degrees wider and more: far from what it was
+    assert corner_error(wanted, resized(before, 1.0)) > np.radians(2)

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures brought to the screen's colours, each drawn anew only where it is another one."""
 
-from dataclasses import astuple
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, replace
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import moderngl
@@ -37,14 +39,24 @@ class Pictures(NamedTuple):
 class Screens:
     """The screens of the balls and of the map.
 
+    Drivers without a GPU let whoever draws with a texture wait until it is finished. A window
+    therefore lets its screens wait, and has them drawn when its panels have done their work.
+
     Attributes:
         displayed: Pictures drawn so far.
     """
 
-    def __init__(self, context: moderngl.Context) -> None:
-        """Prepare the pass that knows the screen."""
+    def __init__(self, context: moderngl.Context, *, waits: bool = False) -> None:
+        """Prepare the pass that knows the screen.
+
+        Args:
+            context: Where to draw.
+            waits: Whether pictures are drawn by `draw_waiting`, not at once.
+        """
         self._display = DisplayPass(context)
         self._shown: dict[Name, _Shown] = {"balls": _Shown(context), "map": _Shown(context)}
+        self._waits = waits
+        self._waiting: list[Callable[[], None]] = []
         self.displayed = 0
 
     def shown(self, name: Name) -> moderngl.Framebuffer:
@@ -86,15 +98,16 @@ class Screens:
         parts = _parts(name, state, comparison, truth is not None, size)
         is_row = name == "balls" and state.scene is Scene.BALLS
         is_sparse = is_row and fit.background is None
-        shown.target.clear(*SURROUND, 1.0)
+        draws: list[Callable[[], None]] = []
         for place, (part, area) in enumerate(parts):
             within = [(0, 0, *size)] if name == "map" else None
             if is_sparse:
                 within = drawn_areas(fit.front.size, len(state.balls), area)
-            self._display.draw(
+            draw = partial(
+                self._display.draw,
                 fit,
                 truth if place == 2 else reference,
-                state.display,
+                replace(state.display),
                 part,
                 shown.target,
                 gain_ev=state.environment.intensity_ev,
@@ -102,8 +115,23 @@ class Screens:
                 area=area,
                 within=within,
             )
-        self.displayed += 1
+            draws.append(draw)
+        self._waiting.append(partial(self._draw, shown.target, draws))
+        if not self._waits:
+            self.draw_waiting()
         return shown.target
+
+    def draw_waiting(self) -> None:
+        """Draw what was wanted and is not drawn yet."""
+        waiting, self._waiting = self._waiting, []
+        for draw in waiting:
+            draw()
+
+    def _draw(self, target: moderngl.Framebuffer, draws: Sequence[Callable[[], None]]) -> None:
+        target.clear(*SURROUND, 1.0)
+        for draw in draws:
+            draw()
+        self.displayed += 1
 
 
 class _Shown:

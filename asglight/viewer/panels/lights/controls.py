@@ -111,7 +111,10 @@ def _scope(state: ViewerState) -> None:
 def _controls(state: ViewerState, lobe: int) -> None:
     is_key = state.history.are_keys
     lamp = lamp_of(state.lobes[lobe], is_key=is_key)
-    fitted = lamp_of(state.fitted_lobe(lobe), is_key=is_key)
+
+    def fitted() -> Lamp:  # wanted where a control is reset, which is seldom
+        return lamp_of(state.fitted_lobe(lobe), is_key=is_key)
+
     imgui.push_item_width(-widgets.em(6.5))
     _scope(state)
     is_black = not math.isfinite(lamp.intensity)
@@ -129,7 +132,9 @@ def _controls(state: ViewerState, lobe: int) -> None:
     imgui.pop_item_width()
 
 
-def _numbers(state: ViewerState, lamp: Lamp, fitted: Lamp, fields: Sequence[_Field]) -> None:
+def _numbers(
+    state: ViewerState, lamp: Lamp, fitted: Callable[[], Lamp], fields: Sequence[_Field]
+) -> None:
     """Show numbers of a lobe as sliders."""
     first = "cut" if state.history.are_keys else "fitted"
     is_round = state.tracks.lobes.form is Form.SG
@@ -146,7 +151,7 @@ def _numbers(state: ViewerState, lamp: Lamp, fitted: Lamp, fields: Sequence[_Fie
         )
         _live(state, changed, field.name, value)
         if widgets.wants_reset():
-            _set(state, field.name, getattr(fitted, field.name))
+            _set(state, field.name, getattr(fitted(), field.name))
             state.editing.commit(state.history)
 
 
@@ -160,7 +165,7 @@ def _radiance(state: ViewerState, lamp: Lamp) -> None:
         state.editing.commit(state.history)
 
 
-def _colour(state: ViewerState, lamp: Lamp, fitted: Lamp) -> None:
+def _colour(state: ViewerState, lamp: Lamp, fitted: Callable[[], Lamp]) -> None:
     peak = max(lamp.colour)
     shown = [channel / peak for channel in lamp.colour]
     changed, colour = imgui.color_edit3("colour", shown, int(imgui.ColorEditFlags_.float))
@@ -169,7 +174,7 @@ def _colour(state: ViewerState, lamp: Lamp, fitted: Lamp) -> None:
     )
     _live_colour(state, changed, lambda: colour)
     if widgets.wants_reset():
-        _set_colour(state, fitted.colour)
+        _set_colour(state, fitted().colour)
         state.editing.commit(state.history)
     hue, saturation = hue_of(lamp.colour)
     changed, hue = widgets.slider(

@@ -78,8 +78,9 @@ def _list(state: ViewerState) -> None:
         imgui.table_setup_column(name, imgui.TableColumnFlags_.width_fixed, widgets.em(1.5))
     imgui.table_setup_scroll_freeze(0, 1)
     imgui.table_headers_row()
+    shares, hues = (energies / total).tolist(), widgets.hues(state.lobes.amplitude.numpy())
     for lobe in order:
-        _row(state, lobe, float(energies[lobe]) / total, order)
+        _row(state, lobe, shares[lobe], ImVec4(*hues[lobe], 1.0), order)
     imgui.end_table()
     if state.keyed is not None:
         beside_keys(state, total)
@@ -104,7 +105,7 @@ def _order(tracks: Held[LobeTracks]) -> list[int]:
     return energies.argsort(descending=True, stable=True).tolist()
 
 
-def _row(state: ViewerState, lobe: int, share: float, order: list[int]) -> None:
+def _row(state: ViewerState, lobe: int, share: float, hue: ImVec4, order: list[int]) -> None:
     selection = state.selection
     imgui.push_id(lobe)
     # All of a row on one line: what has padding would push down what follows.
@@ -113,7 +114,7 @@ def _row(state: ViewerState, lobe: int, share: float, order: list[int]) -> None:
     imgui.table_next_column()
     imgui.color_button(
         "##colour",
-        ImVec4(*widgets.hue(state.lobes.amplitude[lobe].numpy()), 1.0),
+        hue,
         int(imgui.ColorEditFlags_.no_tooltip),
         ImVec2(widgets.em(0.8), widgets.em(0.8)),
     )

@@ -3,6 +3,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from asglight.lobes import Lobes, LobeTracks
 from asglight.viewer.state.edits import applying
@@ -27,6 +28,16 @@ class Content:
     muted: frozenset[int] = frozenset()
     deleted: frozenset[int] = frozenset()
     labels: Mapping[int, str] = field(default_factory=dict)
+
+    @cached_property
+    def present(self) -> tuple[int, ...]:
+        """Indices of the lobes that are not deleted."""
+        return tuple(n for n in range(self.tracks.lobes.count) if n not in self.deleted)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """What the lobes are called."""
+        return tuple(self.labels.get(i, name) for i, name in enumerate(self.tracks.names))
 
 
 @dataclass(frozen=True)
@@ -99,14 +110,12 @@ class EditHistory:
     @property
     def present(self) -> tuple[int, ...]:
         """Indices of the lobes that are not deleted."""
-        every = range(self.tracks.lobes.count)
-        return tuple(lobe for lobe in every if lobe not in self._shown.deleted)
+        return self._shown.present
 
     @property
     def names(self) -> tuple[str, ...]:
         """What the lobes are called."""
-        labels = self._shown.labels
-        return tuple(labels.get(i, name) for i, name in enumerate(self.tracks.names))
+        return self._shown.names
 
     @property
     def done(self) -> tuple[Step, ...]:
