@@ -75,7 +75,9 @@ COLD, WARM = 0.25, 0.1
 """First step of a search, over a card's size: from nothing, and from the frame before."""
 
 FACING_APART = 0.04
-"""Of a lamp's light: with less off, a card that faces the origin shows it."""
+"""Of a lamp's light, times its narrow over its long side: with less off, a card that faces the
+origin shows it. The ends of a strip that are cut aslant are off by so much less light than their
+corners are off by."""
 
 SLANT_TEXELS = 0.6
 """Half of a lamp's narrow side, in texels, below which it has no outline to tell a slant by."""
@@ -127,7 +129,8 @@ def fitted(patch: Patch, light: Array, start: Card | None = None) -> Card:
     tried = [start] if start is not None else starts(patch, light)
     facing = _nearest(cost, min(tried, key=cost), COLD if start is None else WARM)
     off = apart(off_by(facing, patch, light)) / float(light.sum())
-    if off < FACING_APART or facing.extent.min() < SLANT_TEXELS * texel:
+    narrow, long = np.sort(facing.extent)
+    if off < FACING_APART * narrow / long or narrow < SLANT_TEXELS * texel:
         return facing
     slanted = posed(patch, light, facing)
     if cost(slanted) > HOPELESS * cost(facing):

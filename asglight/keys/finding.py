@@ -4,12 +4,19 @@
 The map is cut at levels half a stop apart, from its peak down. A spot that hangs together at a
 level is a lamp if what lies just outside of its edge is much darker than it is: light that falls
 off slowly, as around a sun or on a wall, has no such edge at any level. Going down, a lamp grows as
-long as it keeps an edge; where lamps run together they stay apart if they had most of the light.
+long as it keeps an edge and is told more clearly from what surrounds it. So a bulb grows into its
+dish, and a sun does not grow into its glare. Where lamps run together they stay apart if they had
+most of the light.
+
+How clearly a spot of flux F and solid angle A is told from surroundings of radiance B is the
+signal-to-noise ratio of an aperture, F / sqrt(A B) [Howell 1989, "Two-dimensional aperture
+photometry: signal-to-noise ratio of point-source observations and optimal data-extraction
+techniques", for stars on a bright sky].
 
 Symbols: H, W rows and columns.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +30,14 @@ STOPS_MIN = 3.0
 
 EDGE_STOPS = 1.0
 """Of the level that a lamp is cut at above its surroundings: light without an edge has less."""
+
+DARK = 0.05
+"""Of the map's mean: surroundings that are darker count as that. Filters leave black texels around
+a lamp, which would tell any of its parts from the rest of it."""
+
+LESS_CLEAR = 2.0
+"""By which factor the signal of a lamp may be below that of a smaller one within it. Texels that
+its edge divides have less of its light than of its area, of a sun of a texel half of it."""
 
 SHARE_MIN = 0.003
 """Of the map's light: a lamp with less is not looked for."""
@@ -57,6 +72,8 @@ class Lamp:
         radius: Of a disc of its solid angle, in radians.
         flux: Above its surroundings, the mean of the channels times solid angle.
         stops: Of its mean above its surroundings.
+        signal: Square of how clearly it is told from them, radiance times solid angle.
+        most: The largest signal of it at this level and those above.
     """
 
     mask: Mask
@@ -64,6 +81,8 @@ class Lamp:
     radius: float
     flux: float
     stops: float
+    signal: float
+    most: float
 
 
 def lamps(luminance: Array, grid: Grid) -> list[Lamp]:
@@ -98,11 +117,18 @@ def _at_level(
     for label in range(1, count + 1):
         own = within.get(label, [])
         lamp = _lamp(labels == label, level, luminance, grid) if excess[label] > least else None
-        if lamp is None or (len(own) > 1 and sum(one.flux for one in own) > APART * lamp.flux):
+        if lamp is None or _are_lamps(own, lamp):
             kept += own
         else:
-            kept.append(lamp)
+            kept.append(replace(lamp, most=max([lamp.most, *(one.most for one in own)])))
     return kept
+
+
+def _are_lamps(own: list[Lamp], grown: Lamp) -> bool:
+    """Tell whether lamps stay as they are and do not become the one spot that they grow to."""
+    if len(own) > 1 and sum(one.flux for one in own) > APART * grown.flux:
+        return True
+    return any(one.most > LESS_CLEAR * grown.signal for one in own)
 
 
 def _lamp(mask: Mask, level: float, luminance: Array, grid: Grid) -> Lamp | None:
@@ -136,13 +162,18 @@ def _measured(mask: Mask, around: float, luminance: Array, grid: Grid) -> Lamp:
     area, light = float(solid.sum()), float((values * solid).sum())
     above = np.maximum(values - around, 0) * solid
     direction = above @ grid.directions[mask]
+    flux = light - around * area
     floor = max(around, float(np.finfo(np.float32).tiny))
+    dark = max(around, DARK * float((luminance * grid.solid_angle).sum()) / (4 * np.pi))
+    signal = flux**2 / (area * dark)
     return Lamp(
         mask,
         direction / np.linalg.norm(direction),
         float(np.sqrt(area / np.pi)),
-        light - around * area,
+        flux,
         float(np.log2(light / area / floor)),
+        signal,
+        signal,
     )
 
 

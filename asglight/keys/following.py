@@ -36,8 +36,13 @@ FADE = 4
 MOST = 2 / 3
 """Share of the lamps' light of a frame that its keys carry."""
 
-MUCH = 0.1
-"""Of a frame's light: a lamp with more is a key at any rate."""
+OUTLINED = 1 / 2
+"""Share of the light of all spots of a frame that lamps with an outline have: with less, as of a
+sky between leaves, keys cannot carry most of it, and only a shadow that is seen makes one."""
+
+SHADOW = 1 - 2 ** (-1 / 3)
+"""Share of the light of a surface that faces it: a lamp with more is a key at any rate. Its shadow
+is darker by a third of a stop, the step of a camera's dials, which a rest would cast softly."""
 
 LEAST = 0.01
 """Of a frame's light: a lamp with less, in all frames, is no key."""
@@ -59,6 +64,7 @@ class Sighting:
         direction: Of its light's mean.  [3]
         radius: Of a disc of its solid angle, in radians.
         share: Of the frame's light.
+        shadow: Share of the light of a surface that faces it: by how much its shadow is darker.
         stops: Of its mean above its surroundings.
         figure: Share of its outline that a card fills.
     """
@@ -67,6 +73,7 @@ class Sighting:
     direction: Array
     radius: float
     share: float
+    shadow: float
     stops: float
     figure: float
 
@@ -169,25 +176,27 @@ def keys(frames: Sequence[Sequence[Sighting]], count: int | None = None) -> list
 
     Args:
         frames: Lamps of each frame.
-        count: How many at most; None for as few as carry most of the lamps' light in each frame.
+        count: How many at most; None for as few as carry most of the lamps' light in each frame,
+            and those whose shadow is plainly seen.
     """
     tracks = sorted(linked(frames), key=lambda track: -track.light)
     if count is not None:
         return tracks[:count]
-    wanted: dict[int, int] = {}
+    outlined = [track for track in tracks if _is_outlined(track)]
+    wanted = {id(track): 0 for track in outlined}
     for frame in range(len(frames)):
-        there = [track for track in tracks if frame in track.seen and _is_lamp(track)]
-        shares = {id(track): track.seen[frame].share for track in there}
-        whole, carried = sum(shares.values()), 0.0
-        for track in sorted(there, key=lambda one: -shares[id(one)]):
-            share = shares[id(track)]
-            if (carried < MOST * whole and share >= LEAST) or share >= MUCH:
-                wanted[id(track)] = wanted.get(id(track), 0) + 1
-            carried += share
-    return [one for one in tracks if wanted.get(id(one), 0) >= min(STAY, len(one.seen))]
+        spots = sum(track.seen[frame].share for track in tracks if frame in track.seen)
+        seen = {id(track): track.seen[frame] for track in outlined if frame in track.seen}
+        whole, carried = sum(one.share for one in seen.values()), 0.0
+        for name, one in sorted(seen.items(), key=lambda item: -item[1].share):
+            is_of_most = carried < MOST * whole and whole >= OUTLINED * spots
+            if (is_of_most and one.share >= LEAST) or one.shadow >= SHADOW:
+                wanted[name] += 1
+            carried += one.share
+    return [one for one in outlined if wanted[id(one)] >= min(STAY, len(one.seen))]
 
 
-def _is_lamp(track: Track) -> bool:
+def _is_outlined(track: Track) -> bool:
     figures = [one.figure for one in track.seen.values()]
     return float(np.median(figures)) >= FIGURE_MIN
 

@@ -10,31 +10,24 @@ Symbols: P texels around a lamp.
 
 import numpy as np
 import torch
+from scipy import optimize
 
 from asglight.keys.rectangles import Card, Patch, turn_between
 from asglight.keys.spots import Array
 from asglight.lobes.rectangles import turns
 
-STEPS = 60
-"""Of Levenberg and Marquardt's method, at most. Length and slant of a tube look nearly the same,
-which takes forty; others take ten."""
-
 PROBE = 0.005
 """Of derivatives by differences: of a card's size, or in radians."""
 
-PROBES = PROBE * np.eye(7)
+DONE = 1e-5
+"""Of what is left of the outline, and of the steps: smaller ones are the last."""
 
-DAMPING, EASED, HARDENED = 1e-3, 0.3, 5.0
-"""Of the matrix's diagonal: at first, after a step that helps, after one that does not."""
+EVALUATIONS = 480
+"""Of the outline, at most: eight a step. Length and slant of a tube look nearly the same, which
+takes forty steps; others take ten."""
 
-HOPELESS = 1e4
-"""Of that: no step, however small, helps."""
-
-STEP_MOST = 0.5
-"""In radians, or of a card's size, in one step."""
-
-DONE = 1e-4
-"""Of what is left of the outline: steps that gain less are the last."""
+GROWTH_MOST = 3.0
+"""Logarithm of a card's growth in a search, at most: by 20."""
 
 LOST, LOST_GAIN = 2e-3, 0.5
 """What is left of an outline, over its size, above which a lamp is not followed but found anew; and
@@ -115,26 +108,21 @@ class _Outline:
         self._scale = np.sqrt(self._solid / (share * self._solid).sum())
 
     def nearest(self, card: Card) -> tuple[Card, float]:
-        """Return the nearest card from a start on, and what is left."""
-        damping, residual = DAMPING, self._residual(card)
-        for _ in range(STEPS):
-            slopes = np.stack([self._residual(_changed(card, row)) - residual for row in PROBES], 1)
-            slopes /= PROBE
-            normal, downhill = slopes.T @ slopes, -slopes.T @ residual
-            gain = 0.0
-            while damping < HOPELESS:
-                matrix = normal + damping * np.diag(np.diag(normal) + 1e-9)
-                step = np.clip(np.linalg.solve(matrix, downhill), -STEP_MOST, STEP_MOST)
-                tried = _changed(card, step.astype(np.float64))
-                after = self._residual(tried)
-                gain = float(residual @ residual - after @ after)
-                if gain > 0:
-                    card, residual, damping = tried, after, damping * EASED
-                    break
-                damping *= HARDENED
-            if gain < DONE * float(residual @ residual) and (gain <= 0 or damping < DAMPING):
-                break
-        return card, float(residual @ residual)
+        """Return the nearest card from a start on, and what is left [Levenberg, Marquardt]."""
+
+        def residual(from_one: Array) -> Array:  # where differences of `PROBE` are as large as said
+            return self._residual(_changed(card, from_one - 1))
+
+        found = optimize.least_squares(
+            residual,
+            np.ones(7),
+            method="lm",
+            diff_step=PROBE,
+            ftol=DONE,
+            xtol=DONE,
+            max_nfev=EVALUATIONS,
+        )
+        return _changed(card, found.x - 1), 2 * float(found.cost)
 
     def _residual(self, card: Card) -> Array:
         """Return what differs of each texel, and the slant.  [P + 2]."""
@@ -161,7 +149,8 @@ def _changed(card: Card, step: Array) -> Card:
     middle = middle / np.linalg.norm(middle)
     moved = card.turned(turn_between(card.middle, middle))
     turn = turns(torch.from_numpy(step[2:5])).numpy()
-    return Card(turn @ moved.axes, card.extent * np.exp(step[5:]), middle)
+    growth = np.exp(np.clip(step[5:], -GROWTH_MOST, GROWTH_MOST))
+    return Card(turn @ moved.axes, card.extent * growth, middle)
 
 
 def _mirrored(card: Card) -> Card:

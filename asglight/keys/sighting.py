@@ -5,13 +5,10 @@ import numpy as np
 from torch import Tensor
 
 from asglight.keys import cards
-from asglight.keys.finding import SMALL_TEXELS, Lamp, lamps, surroundings
+from asglight.keys.finding import SMALL_TEXELS, Lamp, lamps
 from asglight.keys.following import Sighting
 from asglight.keys.rectangles import Patch
 from asglight.keys.spots import Array, Grid, Mask, labelled
-
-OUTLINE = 0.25
-"""Of a lamp's mean, at which its outline is taken."""
 
 COUNT_MAX = 32
 """Lamps of a frame that are followed, the ones with most light."""
@@ -33,28 +30,37 @@ def sightings(radiance: Tensor) -> list[Sighting]:
             lamp.direction,
             lamp.radius,
             lamp.flux / total,
+            lamp.flux / irradiance(lamp.direction, luminance, grid),
             lamp.stops,
-            figure(lamp, luminance, grid),
+            figure(lamp, grid),
         )
         for lamp in lamps(luminance, grid)[:COUNT_MAX]
     ]
 
 
-def figure(lamp: Lamp, luminance: Array, grid: Grid) -> float:
+def irradiance(normal: Array, luminance: Array, grid: Grid) -> float:
+    """Return the irradiance of a surface.
+
+    Args:
+        normal: Where it faces.  [3]
+        luminance: Of the map.  [H, W]
+        grid: Of the map.
+    """
+    cosine = np.maximum(grid.directions @ normal, 0)
+    return float((luminance * cosine * grid.solid_angle).sum())
+
+
+def figure(lamp: Lamp, grid: Grid) -> float:
     """Return which share of a lamp's outline a card fills that has its place and size.
 
-    Of the lamp the outline counts: what is brighter than a quarter of its mean is cut off. It is 1
-    of a rectangle, 0.9 of a disc, less of a sky that trees divide; and 1 of a lamp too small to
-    have an outline.
+    It is 1 of a rectangle, 0.9 of a disc, less of a sky that trees divide; and 1 of a lamp too
+    small to have an outline. How bright the lamp is within its outline does not count.
     """
     if lamp.radius < SMALL_TEXELS * grid.texel:
         return 1.0
-    around = surroundings(lamp.mask, luminance, grid) or 0.0
     near = grid.near(lamp.mask, 2 * grid.texel)
     patch = Patch.of(np.flatnonzero(near), grid)
-    above = np.where(lamp.mask, np.maximum(luminance - around, 0), 0)
-    level = OUTLINE * lamp.flux / float(grid.solid_angle[lamp.mask].sum())
-    outline = np.where(enclosed(lamp.mask, grid), level, np.minimum(above, level))
+    outline = lamp.mask | enclosed(lamp.mask, grid)
     light = (outline * grid.solid_angle).ravel()[patch.place]
     tried = (cards.off_by(card, patch, light) for card in cards.starts(patch, light))
     return 1 - min(map(cards.apart, tried)) / 2 / float(light.sum())

@@ -4,13 +4,15 @@
 import numpy as np
 import pytest
 
-from asglight.keys.following import FADE, GAP, Sighting, keys, linked, weight
+from asglight.keys.following import FADE, GAP, SHADOW, Sighting, keys, linked, weight
 
 
-def lamp(longitude: float, share: float = 0.3, figure: float = 1.0) -> Sighting:
+def lamp(
+    longitude: float, share: float = 0.3, figure: float = 1.0, shadow: float = 0.0
+) -> Sighting:
     turn = np.radians(longitude)
     direction = np.array([np.sin(turn), 0.0, np.cos(turn)])
-    return Sighting(np.array([1]), direction, 0.02, share, 8.0, figure)
+    return Sighting(np.array([1]), direction, 0.02, share, shadow, 8.0, figure)
 
 
 def test_two_lamps_that_pass_each_other_stay_two() -> None:
@@ -68,8 +70,12 @@ def test_keys_are_as_few_as_carry_most_of_the_light_of_lamps() -> None:
     even = [lamp(60 * k, 0.06) for k in range(6)]
     assert len(keys([even])) == 4
     assert len(keys([even], 3)) == 3
-    # a tenth of the light is a key at any rate
-    assert len(keys([[lamp(0, 0.7), lamp(90, 0.2)]])) == 2
+
+
+def test_a_lamp_whose_shadow_is_plainly_seen_is_a_key_at_any_rate() -> None:
+    strong = lamp(0, 0.7)
+    assert len(keys([[strong, lamp(90, 0.05, shadow=SHADOW + 0.01)]])) == 2
+    assert len(keys([[strong, lamp(90, 0.2, shadow=SHADOW - 0.01)]])) == 1
 
 
 def test_what_has_little_light_or_no_outline_is_no_key() -> None:
@@ -80,6 +86,6 @@ def test_what_has_little_light_or_no_outline_is_no_key() -> None:
 
 def test_a_flash_of_a_frame_is_no_key() -> None:
     frames = [[lamp(0), *([lamp(90)] if k == 4 else [])] for k in range(10)]
-    assert len(keys(frames)) == 2  # it was a tenth of the light as long as it lived
+    assert len(keys(frames)) == 2  # it was a key as long as it lived
     frames = [[lamp(0, 0.3), lamp(90, 0.6 if k == 4 else 0.01)] for k in range(10)]
     assert len(keys(frames)) == 1

@@ -26,6 +26,7 @@ PLACES = {
     "beside a pole": Rectangle(40, 84, 10, 24, 14, slant=45, about=20),
     "on a pole": Rectangle(0, -89.5, 30, 30, 20, slant=35, about=110),
     "a tube": Rectangle(100, 30, 5, 40, 6, slant=50, about=90),
+    "a strip": Rectangle(30, 25, 40, 16, 6, slant=50, about=8),
     "a small one": Rectangle(-60, 40, 25, 10, 8, slant=40, about=70),
 }
 
