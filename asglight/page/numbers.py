@@ -114,7 +114,7 @@ def numbers_of(tracks: LobeTracks, balls: Sequence[Ball]) -> Numbers:
             "fps": tracks.fps,
             "names": list(tracks.names),
             "roughness": [ball.roughness for ball in balls],
-            "flux": [_rounded(asg.flux(lobes) @ _luminance()) for lobes in frames],
+            "flux": [_rounded(asg.flux(lobes).sum(-1)) for lobes in frames],
             "exposure": round(_exposure(made, light), 2),
         },
     )

@@ -11,7 +11,6 @@ from asglight.lobes import LobeTracks
 from asglight.sphere import latlong
 from asglight.usd.read.rest import Rest
 from asglight.viewer.reference.images import BYTE_BUDGET, HEIGHT_MAX, Reference
-from asglight.viewer.state.display import LUMINANCE
 from asglight.viewer.state.held import Held
 
 
@@ -47,8 +46,8 @@ def open_rest(rest: Rest) -> Reference:
 
 @lru_cache(maxsize=2)
 def energy_of(radiance: Held[np.ndarray]) -> float:
-    """Return the luminance of a map's flux, as `picking.energies` counts that of keys."""
-    return float(flux_of(radiance.value).to(torch.float64) @ torch.tensor(LUMINANCE).double())
+    """Return the flux of a map, channels summed, as `picking.energies` counts that of keys."""
+    return float(flux_of(radiance.value).to(torch.float64).sum())
 
 
 def flux_of(radiance: np.ndarray) -> torch.Tensor:

@@ -67,8 +67,8 @@ def brightest_first(radiance: Tensor) -> list[int]:
 
 
 def energies(lobes: Lobes) -> Tensor:
-    """Return the luminance of each lobe's flux, float64.  [..., N]."""
-    return luminance(asg.flux(lobes.to("cpu", torch.float64)))
+    """Return the flux of each lobe, channels summed as in every share, float64.  [..., N]."""
+    return asg.flux(lobes.to("cpu", torch.float64)).sum(-1)
 
 
 def luminance(radiance: Tensor) -> Tensor:
