@@ -4,7 +4,9 @@
 A light that ends in one frame and another that begins in the next are two tracks, so that between
 the frames one fades out where it was and the other fades in where it is. A track that is dark for
 two frames is free: in the first of them it ends its old path, in the second it begins a new one
-(`lobes.fading`). Tracks that are never lit are left out, so a still scene has N.
+(`lobes.fading`). Tracks that are never lit are left out, so a still scene has N. The lights of a
+track are about as wide as each other: a card shows what is narrow, a dome what is broad, and what a
+track is shown by holds for the whole shot.
 """
 
 import torch
@@ -32,7 +34,8 @@ def free_tracks(before: Lobes, earlier: Lobes | None) -> Tensor:
 def track_for(lobe: Lobes, free: Tensor, dark: Tensor, before: Lobes) -> int:
     """Return the track that a new light takes: a dark one that was lit there, or a free one.
 
-    A lamp that is off for a frame comes back in its own track, for that does not have to move.
+    A lamp that is off for a frame comes back in its own track, for that does not have to move. Of
+    free tracks it is the one whose light was most nearly as wide.
 
     Args:
         lobe: The light.  [1, .]
@@ -41,23 +44,37 @@ def track_for(lobe: Lobes, free: Tensor, dark: Tensor, before: Lobes) -> int:
         before: Where the tracks were.  [2 N, .]
     """
     turned = torch.acos((before.axis_z @ lobe.axis_z[0]).clamp(-1, 1))
-    turned = torch.where(dark, turned, torch.inf)
-    nearest = int(turned.argmin())
-    if float(turned[nearest]) < float(sigma(lobe)[0]):
+    wider = widths(before) - widths(lobe)
+    way = (turned.square() + wider.square().sum(-1)).sqrt()
+    way = torch.where(dark, way, torch.inf)
+    nearest = int(way.argmin())
+    if float(way[nearest]) < float(sigma(lobe)[0]):
         return nearest
-    return int(torch.nonzero(free).flatten()[0])
+    return int(torch.where(free, unlike(lobe, before)[0], torch.inf).argmin())
+
+
+def widths(lobes: Lobes) -> Tensor:
+    """Return the widths along the shorter axis and the longer, radians, at most 1.  [..., N, 2]."""
+    sigmas = (asg.per_variance(lobes.form) * lobes.sharpness).rsqrt().clamp(max=1.0)
+    return sigmas.sort(-1).values
 
 
 def sigma(lobes: Lobes) -> Tensor:
     """Return the width along the longer axis, radians, at most 1.  [..., N]."""
-    return (asg.per_variance(lobes.form) * lobes.sharpness.amin(-1)).rsqrt().clamp(max=1.0)
+    return widths(lobes)[..., 1]
+
+
+def unlike(lobes: Lobes, others: Lobes) -> Tensor:
+    """Return by how much lobes differ in width, in factors e, squared.  [K], [N] -> [K, N]."""
+    ratio = widths(lobes).log()[:, None] - widths(others).log()
+    return ratio.square().sum(-1)
 
 
 def afresh(fresh: Lobes, before: Lobes, free: Tensor) -> list[int]:
     """Return the tracks of lobes that were fitted from nothing.
 
     One that stands where a lit track was, within its own width, is the same light. The others take
-    tracks that are free, then those that are dark, then any.
+    tracks that are free, then those that are dark, then any; of these, ones about as wide.
 
     Args:
         fresh: The lobes.  [N, .]
@@ -70,8 +87,8 @@ def afresh(fresh: Lobes, before: Lobes, free: Tensor) -> list[int]:
     turned = torch.acos((fresh.axis_z @ before.axis_z.mT).clamp(-1, 1))
     near = (turned < sigma(fresh)[:, None]) & ~dark
     # a light that is the same costs its turn, in widths; one that is free less than one in use
-    cost = torch.where(
-        near, turned / sigma(fresh)[:, None], 2.0 + (~free).float() + (~dark).float()
-    )
+    apart = unlike(fresh, before)
+    taken = (~free).float() + (~dark).float()
+    cost = torch.where(near, turned / sigma(fresh)[:, None], 2.0 + taken + apart / (1 + apart))
     cost = cost + 1e-6 * torch.arange(before.count)
     return linear_sum_assignment(cost.cpu().double().numpy())[1].tolist()

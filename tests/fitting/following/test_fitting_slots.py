@@ -57,3 +57,24 @@ def test_lobes_fitted_afresh_take_any_track_where_none_is_free() -> None:
     free = torch.tensor([False, False])
     fresh = lamps([(0.3, 0.4, -1.0), (0.3, -0.4, -1.0)], [20.0, 20.0], [1.0, 1.0])
     assert sorted(slots.afresh(fresh, before, free)) == [0, 1]
+
+
+def test_a_new_light_takes_the_free_track_whose_light_was_as_wide() -> None:
+    """A track is shown as a card or in a dome for the whole shot, and so a sun and a sky part."""
+    before = lamps([A, B, C, D], [1000.0, 2.0, 900.0, 3.0], [1.0, 0.0, 0.0, 0.0])
+    free = torch.tensor([False, True, True, True])
+    sun, sky = (lamps([(1.0, 1.0, 1.0)], [sharpness], [3.0]) for sharpness in (2000.0, 1.5))
+    assert slots.track_for(sun, free, free, before) == 2
+    assert slots.track_for(sky, free, free, before) == 1
+    # nor is a sky the sun that was where its middle is
+    sky_at_c = lamps([C], [1.5], [3.0])
+    assert slots.track_for(sky_at_c, free, free, before) == 1
+
+
+def test_lobes_fitted_afresh_take_tracks_of_lights_as_wide() -> None:
+    before = joined(
+        lamps([A, B], [20.0, 20.0], [1.0, 1.0]), lamps([C, D], [2.0, 1000.0], [0.0, 0.0])
+    )
+    free = torch.tensor([False, False, True, True])
+    fresh = lamps([(1.0, 1.0, 1.0), (-1.0, -1.0, 1.0)], [900.0, 3.0], [1.0, 1.0])
+    assert slots.afresh(fresh, before, free) == [3, 2]
