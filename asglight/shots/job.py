@@ -129,15 +129,9 @@ def fit_shot(
             tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
             tracks = with_condition(_named(tracks, earlier(), on_progress))
             written = write_stage(tracks, output, stage, keying and keying(on_progress))
-    return ShotResult(
-        tracks,
-        tuple(shot.records),
-        shot.resumed,
-        written,
-        stage.representations,
-        ocio.NAMES[ocio.interop_id(stage.colorspace)],
-        written.keys,
-    )
+    held, space = stage.representations, ocio.NAMES[ocio.interop_id(stage.colorspace)]
+    records = tuple(shot.records)
+    return ShotResult(tracks, records, shot.resumed, written, held, space, written.keys)
 
 
 def _check(
