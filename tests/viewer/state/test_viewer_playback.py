@@ -153,5 +153,14 @@ def test_the_shown_frame_stays_as_long_as_it_says_and_no_longer(pace: Pace, sinc
     assert head.frame == head.frames[head.frames.index(before) + 1]
 
 
+@pytest.mark.parametrize("took", [1.0, 1.5, 3.2])
+def test_a_picture_that_took_longer_than_a_frame_is_followed_at_once(took: float) -> None:
+    """Else one of 1.5 frames would wait for the end of the second, and 24 a second become 12."""
+    head = playback()
+    head.play(100.0)
+    head.tick(100.0 + 2.1 / FPS)
+    assert head.seconds_to_next(100.0 + (2.1 + took) / FPS) == 0.0
+
+
 def test_a_shot_that_rests_waits_for_nothing() -> None:
     assert playback().seconds_to_next(100.0) is None

@@ -159,8 +159,8 @@ class Playback:
         if self._clock is None:
             return None
         start, _ = self._clock
-        passed = (now - start) * self.fps + ROUNDING
-        following = int(passed) + 1
+        shown = (max(self._now, start) - start) * self.fps + ROUNDING
+        following = int(shown) + 1  # a picture that took longer than a frame is followed at once
         if self.pace is Pace.EVERY_FRAME:
             following = self._distance(self._after(self.index))
         return max(start + following / self.fps - now, 0.0)
