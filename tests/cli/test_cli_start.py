@@ -41,6 +41,20 @@ def begins(modules: set[str], *names: str) -> set[str]:
     return {name for name in modules if name.startswith(names)}
 
 
+@pytest.mark.parametrize("said", [None, "ACTIVE"])
+def test_threads_that_wait_sleep_unless_the_user_says_otherwise(
+    said: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OpenMP reads it when torch is loaded; it prints what it goes by."""
+    monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
+    if said:
+        monkeypatch.setenv("OMP_WAIT_POLICY", said)
+    monkeypatch.setenv("OMP_DISPLAY_ENV", "TRUE")
+    code = "from asglight.cli.main import main; main(['info', 'x.usda']); import torch"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert f"OMP_WAIT_POLICY = '{said or 'PASSIVE'}'" in run.stderr
+
+
 def test_help_of_all_loads_no_numbers(tmp_path: Path) -> None:
     modules = loaded(tmp_path, "--help")
     assert not begins(modules, "torch", "numpy", "scipy", "pxr", "OpenImageIO", "rich", "fileseq")
