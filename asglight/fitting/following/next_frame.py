@@ -126,22 +126,20 @@ def fit_next_frame(
     outcome, unlike = initial_guess(
         own, None if earlier is None else earlier.select(tracks), coarse, width_min
     )
-    held = _held(own, outcome.lobes[0])
-    outcome = stepped(outcome, coarse, settings.coarse, temporal.prior(held[None]), width_min)
+    prior = temporal.prior(outcome.lobes)
+    outcome = stepped(outcome, coarse, settings.coarse, prior, width_min)
     levels, places = settings.whole, tracks.tolist()
-    if _loss(outcome, coarse) > settings.relocation.cost:  # a trial cannot lower it by more
+    if float(outcome.value) > settings.relocation.cost:  # a trial cannot lower it by more
         competing = replace(coarse, corners=levels[-1].corners)
         room = int(free.sum())
         lobes, stays = relocated(outcome, competing, count, room, width_min, settings.relocation)
         if lobes.count > len(places):
             levels = settings.changed or levels
         places = _places(lobes, stays, places, before, free)
-        known = torch.arange(held.count, device=stays.device)
-        held = lobes.replaced(known, held).select(stays)
         outcome = replace(outcome, lobes=lobes.select(stays)[None])
     outcome = replace(outcome, shown=None)  # now on the cells of the whole map
-    outcome = stepped(outcome, whole, levels, temporal.prior(held[None]), width_min)
-    loss = _loss(outcome, replace(whole, corners=levels[-1].corners))
+    outcome = stepped(outcome, whole, levels, temporal.prior(outcome.lobes), width_min)
+    loss = float(outcome.value)
     if loss > settings.afresh_loss and unlike > CHANGED * loss:
         fresh = fit_first_frame(reference, count, previous.form, threads=threads)
         if fresh.loss < AFRESH_GAIN * loss:
@@ -150,27 +148,6 @@ def fit_next_frame(
         temporal.blackened(light.with_amplitudes(outcome, whole).lobes[0]), frame, loss
     )
     return replace(fit, lobes=_in_tracks(fit.lobes, places, previous))
-
-
-def _loss(outcome: newton.Outcome, frame: objective.Target) -> float:
-    """Return J without the temporal term."""
-    assert outcome.shown is not None  # of lobes that took steps
-    return float(objective.value(outcome.shown.radiance, frame))
-
-
-def _held(before: Lobes, guess: Lobes) -> Lobes:
-    """Return where the temporal term holds lobes: where they were, while their lamps are there.
-
-    A lobe whose lamp went farther than the lobe's own width is held where it found it.
-
-    Args:
-        before: The frame before.  [N, .]
-        guess: The initial guess.  [N, .]
-    """
-    cosine = (before.axis_z * guess.axis_z).sum(-1).clamp(-1, 1)
-    width = (asg.per_variance(before.form) * before.sharpness).rsqrt().amin(-1)
-    seeing = torch.nonzero(cosine.acos() < width).flatten()
-    return guess.replaced(seeing, before.select(seeing))
 
 
 def _places(
