@@ -22,7 +22,6 @@ from asglight.images import read_latlong, write_exr
 from asglight.lobes import LobeTracks, asg
 from asglight.sphere import latlong
 from asglight.usd import read_keys
-from asglight.viewer.state.display import LUMINANCE
 from asglight.viewer.state.edits.absolute import lamp_of
 from asglight.viewer.state.views import Request, Scene
 
@@ -146,9 +145,8 @@ def test_a_key_that_is_deleted_is_said_to_leave_the_sum(
     assert keys.tracks is not None
     image = read_latlong(stage.parent / f"sky.{FRAMES[0]}.exr").radiance.to(torch.float64)
     weight = latlong.texel_solid_angles(ROWS, 2 * ROWS, dtype=torch.float64)
-    luminance = torch.tensor(LUMINANCE, dtype=torch.float64)
-    whole = float((image @ luminance * weight).sum())
-    share = float(asg.flux(keys.tracks.lobes[0, 1].to(torch.float64)[None])[0] @ luminance) / whole
+    whole = float((image.sum(-1) * weight).sum())
+    share = float(asg.flux(keys.tracks.lobes[0, 1].to(torch.float64)[None])[0].sum()) / whole
     names = keys.tracks.names
 
     def script(test: Any, driven: Driven) -> None:
