@@ -83,7 +83,13 @@ def _smooth_map(height: int) -> torch.Tensor:
     return 2 + d * torch.tensor([1.0, -0.7, 0.5])
 
 
-def _assert_mirrors(image: torch.Tensor, view: tuple[float, float, float]) -> None:
+MIRROR_OFF = 0.01
+"""One percent: noise of the points where the map has a slope."""
+
+
+def _off_mirror(image: torch.Tensor, view: tuple[float, float, float]) -> float:
+    """Return by how much a ball is off what a mirror shows, at three pixels, relative."""
+    off = 0.0
     size = len(image)
     v = np.array(view) / np.linalg.norm(view)
     up = np.array([0.0, 0.0, -1.0]) if v[1] == 1 else np.array([0.0, 1.0, 0.0])
@@ -99,13 +105,13 @@ def _assert_mirrors(image: torch.Tensor, view: tuple[float, float, float]) -> No
         n = x * right + y * up + math.sqrt(1 - x * x - y * y) * v
         mirrored = 2 * (n @ v) * n - v
         expected = 2 + mirrored * np.array([1.0, -0.7, 0.5])
-        # One percent: noise of the points where the map has a slope.
-        assert image[row, column].numpy() == pytest.approx(expected, rel=0.01)
+        off = max(off, float(np.abs(image[row, column].numpy() / expected - 1).max()))
+    return off
 
 
 @pytest.mark.slow
 def test_ball_of_no_roughness_is_a_mirror(rendered: torch.Tensor) -> None:
-    _assert_mirrors(rendered[SMOOTH, 0], (0.0, 0.0, 1.0))
+    assert _off_mirror(rendered[SMOOTH, 0], (0.0, 0.0, 1.0)) < MIRROR_OFF
 
 
 @pytest.mark.slow
@@ -115,7 +121,7 @@ def test_ball_of_no_roughness_is_a_mirror_from_every_side(
 ) -> None:
     monkeypatch.setattr(balls, "_POINTS_MAX", 4)  # a map this smooth needs no more
     image = render_balls(_smooth_map(HEIGHT)[None], [ROUGHNESS[0]], size=64, view=view)[0, 0]
-    _assert_mirrors(image, view)
+    assert _off_mirror(image, view) < MIRROR_OFF
 
 
 def test_right_of_the_ball_reflects_the_right_of_the_camera() -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The window at five sizes and in both themes: nothing outside, large balls, readable text."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,13 @@ SIZES = [
 """Columns, rows, and how many texels a point has. 4k at scale 2 is laid out as 1920 x 1080 at scale
 1, and the screen of GLFW's null platform is no larger."""
 
+
+def everywhere(test: Callable[..., None]) -> Callable[..., None]:
+    """Run a test at every size, in both themes."""
+    themed = pytest.mark.parametrize("theme", list(Theme))(test)
+    return pytest.mark.parametrize(("size", "scale"), SIZES)(themed)
+
+
 BALL_EM = 2.8
 """Heights of the font that a ball takes at least: its name fits below it."""
 
@@ -37,8 +45,7 @@ def box(test: Any, name: str) -> Any:
     return test.item_info(name).rect_full
 
 
-@pytest.mark.parametrize("theme", list(Theme))
-@pytest.mark.parametrize(("size", "scale"), SIZES)
+@everywhere
 def test_everything_is_inside_of_the_window_and_the_balls_are_large_enough(
     drive: Drive,
     two_lamps: LobeTracks,
@@ -93,8 +100,7 @@ def texts_beside_the_balls(picture: np.ndarray, place: Any, parts: int) -> float
     return found
 
 
-@pytest.mark.parametrize("theme", list(Theme))
-@pytest.mark.parametrize(("size", "scale"), SIZES)
+@everywhere
 def test_titles_have_a_row_of_their_own_above_the_balls(
     drive: Drive,
     two_lamps: LobeTracks,
