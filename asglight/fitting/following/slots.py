@@ -43,12 +43,9 @@ def track_for(lobe: Lobes, free: Tensor, dark: Tensor, before: Lobes) -> int:
         dark: Which were dark in the frame before.  [2 N]
         before: Where the tracks were.  [2 N, .]
     """
-    turned = torch.acos((before.axis_z @ lobe.axis_z[0]).clamp(-1, 1))
-    wider = widths(before) - widths(lobe)
-    way = (turned.square() + wider.square().sum(-1)).sqrt()
-    way = torch.where(dark, way, torch.inf)
-    nearest = int(way.argmin())
-    if float(way[nearest]) < float(sigma(lobe)[0]):
+    apart = torch.where(dark, way(lobe, before)[0], torch.inf)
+    nearest = int(apart.argmin())
+    if float(apart[nearest]) < 1:
         return nearest
     return int(torch.where(free, unlike(lobe, before)[0], torch.inf).argmin())
 
@@ -59,9 +56,15 @@ def widths(lobes: Lobes) -> Tensor:
     return sigmas.sort(-1).values
 
 
-def sigma(lobes: Lobes) -> Tensor:
-    """Return the width along the longer axis, radians, at most 1.  [..., N]."""
-    return widths(lobes)[..., 1]
+def way(lobes: Lobes, others: Lobes) -> Tensor:
+    """Return how far others are from lobes, in place and widths, in widths of the lobes.
+
+    The 2-Wasserstein distance of two Gaussians [Olkin and Pukelsheim 1982], as if their axes were
+    parallel, over the lobe's longer width. Below 1 they are the same light.  [K], [N] -> [K, N].
+    """
+    turned = torch.acos((lobes.axis_z @ others.axis_z.mT).clamp(-1, 1))
+    wider = widths(lobes)[:, None] - widths(others)
+    return (turned.square() + wider.square().sum(-1)).sqrt() / widths(lobes)[:, None, 1]
 
 
 def unlike(lobes: Lobes, others: Lobes) -> Tensor:
@@ -73,7 +76,7 @@ def unlike(lobes: Lobes, others: Lobes) -> Tensor:
 def afresh(fresh: Lobes, before: Lobes, free: Tensor) -> list[int]:
     """Return the tracks of lobes that were fitted from nothing.
 
-    One that stands where a lit track was, within its own width, is the same light. The others take
+    One that is as a lit track was, within its own width, is the same light. The others take
     tracks that are free, then those that are dark, then any; of these, ones about as wide.
 
     Args:
@@ -84,11 +87,9 @@ def afresh(fresh: Lobes, before: Lobes, free: Tensor) -> list[int]:
     from scipy.optimize import linear_sum_assignment  # half a second, for cuts alone
 
     dark = temporal.is_dark(before)
-    turned = torch.acos((fresh.axis_z @ before.axis_z.mT).clamp(-1, 1))
-    near = (turned < sigma(fresh)[:, None]) & ~dark
-    # a light that is the same costs its turn, in widths; one that is free less than one in use
-    apart = unlike(fresh, before)
+    # a light that is the same costs its way; one that is free less than one in use
+    apart, other = way(fresh, before), unlike(fresh, before)
     taken = (~free).float() + (~dark).float()
-    cost = torch.where(near, turned / sigma(fresh)[:, None], 2.0 + taken + apart / (1 + apart))
+    cost = torch.where((apart < 1) & ~dark, apart, 2.0 + taken + other / (1 + other))
     cost = cost + 1e-6 * torch.arange(before.count)
     return linear_sum_assignment(cost.cpu().double().numpy())[1].tolist()

@@ -78,3 +78,14 @@ def test_lobes_fitted_afresh_take_tracks_of_lights_as_wide() -> None:
     free = torch.tensor([False, False, True, True])
     fresh = lamps([(1.0, 1.0, 1.0), (-1.0, -1.0, 1.0)], [900.0, 3.0], [1.0, 1.0])
     assert slots.afresh(fresh, before, free) == [3, 2]
+
+
+def test_a_sky_fitted_afresh_is_not_the_sun_that_stays() -> None:
+    """Both have their middle at B; the sun's track stays the sun's."""
+    before = joined(
+        lamps([A, B], [20.0, 1000.0], [1.0, 1.0]), lamps([C, D], [2.0, 900.0], [0.0, 0.0])
+    )
+    free = torch.tensor([False, False, True, True])
+    fresh = lamps([B, B], [1.5, 1000.0], [1.0, 1.0])
+    assert slots.afresh(fresh, before, free) == [2, 1]
+    assert slots.afresh(fresh.select(torch.tensor([0])), before, free) == [2]
