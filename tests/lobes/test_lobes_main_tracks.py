@@ -61,6 +61,16 @@ def test_the_younger_ends_where_it_is_the_younger() -> None:
     assert unchanged(kept_on_lamps(given), given)
 
 
+def test_two_small_lobes_on_a_sun_are_side_by_side() -> None:
+    """Half a degree is two of their widths, and less than a texel of the map that is fitted."""
+    given = shot(
+        [[0, 90], [1, 1.5], [2, 2.5], [90, 3.5]],
+        [[1, 0], [1, 1], [1, 1], [0, 1]],
+        1 / (2 * math.radians(0.25) ** 2),
+    )
+    assert same(degrees_of(kept_on_lamps(given), 0), [0, 1, 2, 3.5])
+
+
 NONE = 90.0
 
 

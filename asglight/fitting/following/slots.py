@@ -62,15 +62,24 @@ def way(lobes: Lobes, others: Lobes) -> Tensor:
     The 2-Wasserstein distance of two Gaussians [Olkin and Pukelsheim 1982], as if their axes were
     parallel, over the lobe's longer width. Below 1 they are the same light.  [K], [N] -> [K, N].
     """
-    turned = torch.acos((lobes.axis_z @ others.axis_z.mT).clamp(-1, 1))
     wider = widths(lobes)[:, None] - widths(others)
-    return (turned.square() + wider.square().sum(-1)).sqrt() / widths(lobes)[:, None, 1]
+    square = turned(lobes, others).square() + wider.square().sum(-1)
+    return square.sqrt() / widths(lobes)[:, None, 1]
 
 
 def unlike(lobes: Lobes, others: Lobes) -> Tensor:
-    """Return by how much lobes differ in width, in factors e, squared.  [K], [N] -> [K, N]."""
+    """Return by how much lobes differ, squared: widths in factors e, places in radians.
+
+    A sun that comes out from behind a cloud is nearer to where it was than any other light as wide
+    is.  [K], [N] -> [K, N].
+    """
     ratio = widths(lobes).log()[:, None] - widths(others).log()
-    return ratio.square().sum(-1)
+    return ratio.square().sum(-1) + turned(lobes, others).square()
+
+
+def turned(lobes: Lobes, others: Lobes) -> Tensor:
+    """Return the angles between lobes, radians.  [K], [N] -> [K, N]."""
+    return torch.acos((lobes.axis_z @ others.axis_z.mT).clamp(-1, 1))
 
 
 def afresh(fresh: Lobes, before: Lobes, free: Tensor) -> list[int]:

@@ -20,6 +20,7 @@ a lobe that is given up: names are worth no more than this.
 Symbols: F frames, N tracks; a place is a track, with the lobes that it has so far.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,11 @@ Array = NDArray[np.float64]
 PRICE_MAX = 1.0
 """Of an exchange, and what a frame within the lamp is worth."""
 
+WIDTH_MIN = math.pi / 256
+"""Radians, a texel of the map that is fitted. Lobes of a third of it are side by side on a sun, and
+no place is known better. With 0.35 degrees a sun changed its track behind a cloud, with 0.5 to 1 it
+does not."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Shot:
@@ -44,7 +50,7 @@ class _Shot:
     Attributes:
         lit: Which send light.  [F, N]
         axis_z: Their directions.  [F, N, 3]
-        width: Sigma along the longer axis and along the shorter.  [F, N, 2]
+        width: Sigma along the longer axis and along the shorter, a texel at least.  [F, N, 2]
         lamp: Number of the lobe's lamp in its frame.  [F, N]
         centre: Where that is.  [F, N, 3]
         within: Whether the lobe is within the lamp's width.  [F, N]
@@ -106,7 +112,7 @@ def _shot(lobes: Lobes) -> _Shot:
     return _Shot(
         lit.numpy(),
         known.axis_z.numpy(),
-        variance(known).sqrt().sort(-1, descending=True).values.numpy(),
+        variance(known).sqrt().clamp(min=WIDTH_MIN).sort(-1, descending=True).values.numpy(),
         number,
         centre,
         off <= 1,

@@ -49,7 +49,7 @@ def test_lobes_fitted_afresh_keep_the_track_of_a_light_that_stays() -> None:
     )
     free = torch.tensor([False, False, True, True])
     fresh = lamps([(0.3, 0.4, -1.0), (0.02, 1.0, 0.0)], [20.0, 20.0], [1.0, 1.0])
-    assert slots.afresh(fresh, before, free) == [2, 1]
+    assert slots.afresh(fresh, before, free) == [3, 1]  # of two as wide, that at D is nearer
 
 
 def test_lobes_fitted_afresh_take_any_track_where_none_is_free() -> None:
@@ -66,6 +66,10 @@ def test_a_new_light_takes_the_free_track_whose_light_was_as_wide() -> None:
     sun, sky = (lamps([(1.0, 1.0, 1.0)], [sharpness], [3.0]) for sharpness in (2000.0, 1.5))
     assert slots.track_for(sun, free, free, before) == 2
     assert slots.track_for(sky, free, free, before) == 1
+    # a sun that comes out from behind a cloud, farther on than its width, takes its own
+    suns = lamps([A, B, C, D], [1000.0, 1000.0, 1000.0, 3.0], [1.0, 0.0, 0.0, 0.0])
+    farther_on = lamps([(0.1, 0.0, 1.0)], [1000.0], [3.0])
+    assert slots.track_for(farther_on, free, free, suns) == 2
     # nor is a sky the sun that was where its middle is
     sky_at_c = lamps([C], [1.5], [3.0])
     assert slots.track_for(sky_at_c, free, free, before) == 1
