@@ -19,8 +19,9 @@ import torch
 from torch import Tensor
 
 from asglight.errors import InputError
-from asglight.judging.pictures.display import luminance, view_transform
+from asglight.judging.pictures.display import view_transform
 from asglight.judging.pictures.layout import BACKGROUND, Grid, save, sheet
+from asglight.luminance import luminance
 from asglight.usd import Representation
 from dcc import renderers, scene
 from dcc.in_blender import DISTANT_FACTOR, ORIGINAL

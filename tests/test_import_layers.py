@@ -32,8 +32,8 @@ ALLOWED = {
     "cli": {"sphere", "lobes", "shading", "fitting", "images", "usd", "peers", "judging", "sky"}
     | {"shots", "arrays", "export", "viewer", "page", "keys"},
 }
-"""Every room may also import asglight.errors, asglight.shader_files, asglight.threads,
-asglight.c_library, and asglight itself (for its version)."""
+"""Every room may also import asglight.errors, asglight.luminance, asglight.shader_files,
+asglight.threads, asglight.c_library, and asglight itself (for its version)."""
 
 ONLY_IN = {"pxr": {"usd"}, "moderngl": {"viewer"}, "imgui_bundle": {"viewer"}}
 

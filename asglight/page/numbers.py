@@ -17,11 +17,11 @@ import torch
 from numpy.typing import NDArray
 
 from asglight.lobes import Lobes, LobeTracks, asg
+from asglight.luminance import luminance
 from asglight.shader_files import enum_number
 from asglight.shading.rectified import irradiance_over_pi
 from asglight.shading.sheets import Sheets, amplitudes, sheets
 from asglight.viewer.state.balls import Ball
-from asglight.viewer.state.display import LUMINANCE
 from asglight.viewer.uniforms.ball_blocks import BALL, packed
 from asglight.viewer.uniforms.map_lobes import widened
 from asglight.viewer.uniforms.outlines import half_angles, outlines
@@ -174,15 +174,11 @@ def _exposure(made: Sequence[Sheets], light: Sequence[torch.Tensor]) -> float:
     """Return the stops that bring the matte ball of the median frame to `MATTE_GREY`, or 0."""
     facing = torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64)
     levels = [
-        float(torch.einsum("mp,mc->pc", irradiance_over_pi(one, facing), shine)[0] @ _luminance())
+        float(luminance(torch.einsum("mp,mc->pc", irradiance_over_pi(one, facing), shine)[0]))
         for one, shine in zip(made, light, strict=True)
     ]
     lit = sorted(level for level in levels if level > 0)
     return math.log2(MATTE_GREY / lit[len(lit) // 2]) if lit else 0.0
-
-
-def _luminance() -> torch.Tensor:
-    return torch.tensor(LUMINANCE, dtype=torch.float64)
 
 
 def _rounded(values: torch.Tensor) -> list[float]:

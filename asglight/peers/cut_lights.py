@@ -24,12 +24,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from asglight.luminance import luminance
 from asglight.sphere import latlong
 
 FLOATS = 5
 """Of a light: direction 2, RGB 3."""
-
-_LUMINANCE = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ class Sums:
         height, width, _ = reference.shape
         self.height, self.width = height, width
         solid_angle = latlong.texel_solid_angles(height, width, dtype=torch.float64)
-        energy = (reference.double() @ torch.tensor(_LUMINANCE, dtype=torch.float64)) * solid_angle
+        energy = luminance(reference.double()) * solid_angle
         directions = latlong.directions(height, width, dtype=torch.float64)
         values = torch.cat([energy[..., None], energy[..., None] * directions], dim=-1)
         self._table = torch.zeros(height + 1, width + 1, 4, dtype=torch.float64)

@@ -34,11 +34,6 @@ def rec709_from_xyz(xyz: Tensor) -> Tensor:
     return (xyz @ torch.tensor(_REC709_FROM_XYZ, dtype=xyz.dtype).T).clamp(min=0)
 
 
-def luminance(rgb: Tensor) -> Tensor:
-    """Return the luminance of linear Rec.709 (ITU-R BT.709).  [..., 3] -> [...]."""
-    return rgb @ torch.tensor((0.2126, 0.7152, 0.0722), dtype=rgb.dtype)
-
-
 def colour_matching(wavelength: Tensor) -> Tensor:
     """Return the CIE 1931 colour matching functions (Wyman et al. 2013).
 

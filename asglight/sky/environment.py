@@ -23,9 +23,9 @@ import torch
 from torch import Tensor
 
 from asglight.errors import InputError
+from asglight.luminance import luminance
 from asglight.sky import discs, ground, preetham, sunlight
 from asglight.sky.cloud import Cloud, optical_depth, scattered
-from asglight.sky.colour import luminance
 from asglight.sphere import latlong
 
 KCD_PER_UNIT = 10.0

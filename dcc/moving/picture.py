@@ -15,8 +15,9 @@ import numpy as np
 import torch
 
 from asglight.errors import InputError
-from asglight.judging.pictures.display import luminance, view_transform
+from asglight.judging.pictures.display import view_transform
 from asglight.judging.pictures.layout import BACKGROUND, Grid, save, sheet
+from asglight.luminance import luminance
 from dcc import renderers, shots, stages
 
 ROWS = {

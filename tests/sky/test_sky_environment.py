@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from asglight.errors import InputError
+from asglight.luminance import luminance
 from asglight.sky import SkyConfig, radiance
-from asglight.sky.colour import luminance
 from asglight.sky.environment import KCD_PER_UNIT, clear_sky_illuminance, sun_direction, sun_map
 from asglight.sky.sunlight import SUN_RADIUS, SUN_SOLID_ANGLE, illuminance
 from asglight.sphere import latlong

@@ -8,9 +8,10 @@ import pytest
 import scipy.integrate
 import torch
 
+from asglight.luminance import luminance
 from asglight.sky import discs, preetham, sunlight
 from asglight.sky.cloud import Cloud, optical_depth, scattered, two_stream_transmittance
-from asglight.sky.colour import colour_matching, luminance, rec709_from_xyz
+from asglight.sky.colour import colour_matching, rec709_from_xyz
 from asglight.sphere import latlong
 
 

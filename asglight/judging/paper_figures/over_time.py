@@ -20,11 +20,12 @@ from asglight.judging.following import follow as fit_frames
 from asglight.judging.following import jumps, matched, refined
 from asglight.judging.metrics import FrameErrors, maps_errors, sequence_errors
 from asglight.judging.paper_figures.data import Plan, coarsened
-from asglight.judging.pictures.display import exposure_stops, luminance
+from asglight.judging.pictures.display import exposure_stops
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
 from asglight.lobes.identity.main_tracks import kept_on_lamps
+from asglight.luminance import luminance
 from asglight.shading import kernels
 from asglight.sphere import latlong
 from asglight.threads import one_thread

@@ -9,9 +9,10 @@ from torch import Tensor
 
 from asglight.judging.paper_figures.over_time import INDEPENDENT, OURS, WITH, WITHOUT, Stacked
 from asglight.judging.paper_figures.sheet import percent
-from asglight.judging.pictures.display import luminance, view_transform
+from asglight.judging.pictures.display import view_transform
 from asglight.judging.pictures.figures import DIFFERENCE_COLOURS
 from asglight.judging.pictures.layout import DARK, Grid, Theme, sheet
+from asglight.luminance import luminance
 
 PANEL_WIDTH, GAP, LEFT, TOP = 250, 20, 96, 168
 """Pixels."""

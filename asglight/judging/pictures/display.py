@@ -6,19 +6,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from asglight.luminance import luminance
 from asglight.shading.balls import coverage
 from asglight.sphere import latlong
 
 _MIDDLE_GREY = 0.18
 _SHOULDER = 0.6
 """Display-linear level from which highlights are compressed; below it the picture is exact."""
-
-_LUMINANCE = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
-
-
-def luminance(radiance: Tensor) -> Tensor:
-    """Return the luminance of linear Rec.709.  [..., 3] -> [...]."""
-    return radiance @ torch.tensor(_LUMINANCE, dtype=radiance.dtype, device=radiance.device)
 
 
 def exposure_stops(references: Tensor) -> float:

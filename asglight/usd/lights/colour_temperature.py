@@ -7,9 +7,12 @@ cameras do, from magenta (tint below 0) to green.
 
 import functools
 import math
+import operator
 
 import numpy as np
 from pxr import UsdLux
+
+from asglight.luminance import LUMINANCE
 
 KELVIN_LIMITS = (1700.0, 10000.0)
 """Between which the curve of UsdLux names each temperature by one colour: below, its spline waves,
@@ -28,7 +31,7 @@ def rgb_of(kelvin: float, tint: float = 0.0) -> tuple[float, float, float]:
     """
     red, green, blue = UsdLux.BlackbodyTemperatureAsRgb(_held(kelvin))
     green *= 2.0**tint
-    luminance = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    luminance = sum(map(operator.mul, LUMINANCE, (red, green, blue)))
     return red / luminance, green / luminance, blue / luminance
 
 

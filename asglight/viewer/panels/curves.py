@@ -9,8 +9,8 @@ import torch
 from imgui_bundle import ImVec2, ImVec4, imgui, implot
 
 from asglight.lobes import Lobes, LobeTracks
+from asglight.luminance import LUMINANCE
 from asglight.viewer.panels import widgets
-from asglight.viewer.state.display import LUMINANCE
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
 

@@ -13,9 +13,6 @@ EXPOSURE_EV_STEP = 0.5
 MIDDLE_GREY = 0.18
 """Radiance of 0 EV in false colour: the diffuse grey that a light meter aims at."""
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)
-"""Rec. 709 luminance of linear RGB."""
-
 FALSE_COLOUR_EV = 8.0
 """Stops from the middle of the false-colour scale to its ends."""
 

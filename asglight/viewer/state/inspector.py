@@ -7,10 +7,11 @@ import numpy as np
 import torch
 
 from asglight.lobes import asg
+from asglight.luminance import LUMINANCE, luminance
 from asglight.sphere import latlong
 from asglight.viewer.gl.arrangement import Hit
 from asglight.viewer.state import picking
-from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY, Subject
+from asglight.viewer.state.display import MIDDLE_GREY, Subject
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Inspected
 from asglight.viewer.uniforms import key_cards
@@ -83,7 +84,7 @@ def inspect_ball(
 def shares(state: ViewerState, direction: np.ndarray) -> list[tuple[int, float]]:
     """Return the lit lobes that send light from a direction, with their share of its luminance."""
     radiance = picking.contributions(state.lit_lobes, direction.tolist())
-    share = picking.luminance(radiance)
+    share = luminance(radiance)
     share = share / share.sum().clamp(min=torch.finfo(share.dtype).tiny)  # no light: shares of 0
     order = picking.brightest_first(radiance)
     return [(state.lit[i], float(share[i])) for i in order if share[i] >= SHARE_MIN]
@@ -111,8 +112,8 @@ def as_text(inspected: Inspected, names: tuple[str, ...]) -> str:
 
 def stops(radiance: np.ndarray) -> float:
     """Return the luminance of a radiance in stops from middle grey; -inf for black."""
-    luminance = float(radiance @ LUMINANCE)
-    return math.log2(luminance / MIDDLE_GREY) if luminance > 0 else -math.inf
+    level = float(radiance @ LUMINANCE)
+    return math.log2(level / MIDDLE_GREY) if level > 0 else -math.inf
 
 
 def angles_deg(direction: np.ndarray) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes, asg
-from asglight.viewer.state.display import LUMINANCE
+from asglight.luminance import luminance
 from asglight.viewer.uniforms.outlines import HALF_PEAK, half_angles
 
 
@@ -69,11 +69,6 @@ def brightest_first(radiance: Tensor) -> list[int]:
 def energies(lobes: Lobes) -> Tensor:
     """Return the flux of each lobe, channels summed as in every share, float64.  [..., N]."""
     return asg.flux(lobes.to("cpu", torch.float64)).sum(-1)
-
-
-def luminance(radiance: Tensor) -> Tensor:
-    """Return the luminance of linear Rec.709.  [..., 3] -> [...]."""
-    return radiance @ radiance.new_tensor(LUMINANCE)
 
 
 def _holds(lobes: Lobes, direction: Tensor, level: float) -> Tensor:

@@ -10,6 +10,7 @@ import torch
 
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks, asg, flat
+from asglight.luminance import luminance
 from asglight.viewer.reference.images import Reference
 from asglight.viewer.reference.rest import Keyed, energy_of, flux_of
 from asglight.viewer.state.balls import WHITE, Ball, Material, Rgb, ball_row
@@ -17,7 +18,6 @@ from asglight.viewer.state.camera import Camera
 from asglight.viewer.state.compared.against import Against
 from asglight.viewer.state.display import (
     EXPOSURE_EV_STEP,
-    LUMINANCE,
     MIDDLE_GREY,
     Comparison,
     Display,
@@ -369,7 +369,7 @@ class ViewerState:
         if self.keyed is not None and rest is None:
             return False
         flux = asg.flux(lobes).sum(0) + (0.0 if rest is None else flux_of(rest))
-        mean = float(flux @ torch.tensor(LUMINANCE)) / (4 * math.pi)
+        mean = float(luminance(flux)) / (4 * math.pi)
         if not mean > 0:
             return False
         stops = math.log2(MIDDLE_GREY / mean) - self.environment.intensity_ev

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from asglight.lobes import LobeTracks
+from asglight.luminance import LUMINANCE
 from asglight.viewer.gl.arrangement import cells, drawn_areas, strip
 from asglight.viewer.gl.display_pass import DIVERGING_SCALE, scale_colours
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.reference.images import Reference
-from asglight.viewer.state.display import LUMINANCE, Comparison
+from asglight.viewer.state.display import Comparison
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.uniforms.shader_defines import SURROUND
 

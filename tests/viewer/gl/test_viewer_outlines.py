@@ -14,8 +14,9 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from asglight.lobes import Form, Lobes, asg
+from asglight.luminance import luminance
 from asglight.sphere import latlong
-from asglight.viewer.state.picking import brightest_first, contributions, energies, luminance, pick
+from asglight.viewer.state.picking import brightest_first, contributions, energies, pick
 from asglight.viewer.uniforms.outlines import HALF_PEAK, half_angles, outlines
 from asglight.viewer.uniforms.polylines import STEP_MAX
 

@@ -18,9 +18,10 @@ import numpy as np
 import torch
 
 from asglight.lobes import Form, Lobes, asg
+from asglight.luminance import LUMINANCE
 from asglight.usd.lights.colour_temperature import temperature_of
 from asglight.viewer.state.balls import Rgb
-from asglight.viewer.state.display import LUMINANCE, MIDDLE_GREY
+from asglight.viewer.state.display import MIDDLE_GREY
 from asglight.viewer.state.edits import rectangles
 from asglight.viewer.state.edits.edit import LOG2_MAX, TINT_MIN, Edit, Span
 from asglight.viewer.uniforms.outlines import half_angles
