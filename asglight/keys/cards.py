@@ -21,7 +21,6 @@ from asglight.keys.rectangles import (
     frame,
     frame_of,
     half_extent,
-    seen_as,
     turn_between,
 )
 from asglight.keys.spots import Array, Grid
@@ -253,8 +252,7 @@ class _Cost:
 
     def _off_centre(self, card: Card) -> Array:
         """Return how far the mean direction of a card is from that of the lamp.  [3]."""
-        centre = card.middle if card.is_facing else seen_as(card).axes[2]
-        return centre - self._usual.middle
+        return card.centre - self._usual.middle
 
 
 def balls(patch: Patch) -> list[Array]:

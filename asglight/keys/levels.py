@@ -92,6 +92,11 @@ class Seen:
         return self.patch.weight.sum(-1)
 
     @cached_property
+    def balls(self) -> list[Array]:
+        """Return what balls show of the flux of each texel.  [Q, P] each."""
+        return cards.balls(self.patch)
+
+    @cached_property
     def flux(self) -> float:
         """Return the light of the lamp."""
         return float((self.share * self.above * self.solid_angle).sum())
@@ -148,12 +153,11 @@ class Fit:
         """Fit a card to what is between a floor and a level."""
         card = cards.fitted(lamp.patch, lamp.light(floor, high), start)
         levels = LEVELS * (lamp.above.max() - floor * lamp.mean)
-        balls = cards.balls(lamp.patch)
         rows, light = [], []
         for level in levels:
             own = lamp.net(floor, level)
             off = cards.off_by(card, lamp.patch, own)
-            seen = (np.abs(ball @ off.astype(np.float32)).sum() for ball in balls)
+            seen = (np.abs(ball @ off.astype(np.float32)).sum() for ball in lamp.balls)
             rows.append([cards.apart(off), *seen])
             light.append(own.sum())
         return cls(lamp, floor, card, levels, np.array(rows) / total, np.array(light) / total)

@@ -6,6 +6,7 @@ A card has its middle at distance 1, and need not face the origin.
 Symbols: P texels around a lamp; S points in each.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -15,7 +16,7 @@ import torch
 
 from asglight.keys.spots import Array, Grid, Places
 from asglight.lobes import rectangles as slanted
-from asglight.lobes.rectangles import Rectangles
+from asglight.lobes.rectangles import CORNERS, Rectangles
 
 POINTS = 20_000
 """Points that a lamp is looked at in, at most, in squares of `SIDE` by `SIDE` a texel."""
@@ -72,8 +73,30 @@ class Card:
 
     @property
     def solid_angle(self) -> float:
-        """Return its solid angle in steradians."""
-        return float(self.rectangle.solid_angle())
+        """Return its solid angle in steradians (`lobes.rectangles`), without a tensor's time."""
+        x, y, height = self.foot.tolist()
+        p, q = self.extent.tolist()
+        total = 0.0
+        for i, j in CORNERS:
+            u, v = x + i * p, y + j * q
+            total += i * j * math.atan2(u * v, height * math.sqrt(height**2 + u**2 + v**2))
+        return total
+
+    @property
+    def centre(self) -> Array:
+        """Return the mean direction of its light: its middle where it faces the origin.
+
+        The integral of directions over a polygon is half the sum over its sides of the angle that
+        each is seen under, times the normal of its plane [Lambert 1760, "Photometria"].
+        """
+        if self.is_facing:
+            return self.middle
+        corners = self.middle + np.array(CORNERS) * self.extent @ self.axes[:2]
+        across = np.cross(corners, np.roll(corners, -1, axis=0))
+        sine = np.linalg.norm(across, axis=-1, keepdims=True)
+        cosine = (corners * np.roll(corners, -1, axis=0)).sum(-1, keepdims=True)
+        total = (np.arctan2(sine, cosine) * across / sine).sum(0)
+        return total / np.linalg.norm(total) * np.sign(total @ self.middle)
 
     def corners(self) -> Array:
         """Return the directions of its corners, in order around it.  [4, 3]."""
@@ -197,9 +220,9 @@ def turn_between(before: Array, now: Array) -> Array:
 
     Not of opposite ones.  [3, 3]
     """
-    x, y, z = np.cross(before, now)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + cross + cross @ cross / max(1 + float(before @ now), 1e-6)
+    across = np.outer(now, before)
+    across = across - across.T  # times a vector: its cross product with before x now
+    return np.eye(3) + across + across @ across / max(1 + float(before @ now), 1e-6)
 
 
 def frame_of(direction: Array) -> Array:

@@ -15,6 +15,7 @@ in the plane from the foot of the perpendicular, its solid angle is the sum over
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -93,13 +94,20 @@ class Rectangles:
 
     def second_moments(self) -> Tensor:
         """Return the means of d d^T of the directions d that they are seen in.  [..., 3, 3]."""
-        nodes, weights = (torch.from_numpy(one) for one in np.polynomial.legendre.leggauss(NODES))
+        nodes, weights = _nodes()
         u, v = (one.flatten() for one in torch.meshgrid(nodes, nodes, indexing="ij"))
         points = self.points(u, v)
         distance = points.norm(dim=-1, keepdim=True)
         seen = (weights[:, None] * weights).flatten()[:, None] / distance**3  # times the height
         directions = points / distance
         return (seen * directions).mT @ directions / seen.sum(-2, keepdim=True)
+
+
+@lru_cache(maxsize=1)
+def _nodes() -> tuple[Tensor, Tensor]:
+    """Return the nodes and weights of an axis, in [-1, 1].  [NODES] each."""
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    return torch.from_numpy(nodes), torch.from_numpy(weights)
 
 
 def rectangles(axes: Tensor, extent: Tensor, slant: Tensor | None) -> Rectangles:

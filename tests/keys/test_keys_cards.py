@@ -81,6 +81,22 @@ def test_covered_texels_sum_to_the_solid_angle_of_the_card() -> None:
         assert patch.covered(card).sum() == pytest.approx(truth, rel=0.03)
 
 
+@pytest.mark.parametrize("slant", [0.0, 0.4, 1.1])
+def test_a_card_has_the_solid_angle_and_the_mean_direction_of_its_light(slant: float) -> None:
+    middle = np.array([0.48, 0.6, 0.64])
+    side = np.array([-0.8, 0.0, 0.6])
+    normal = np.cos(slant) * middle + np.sin(slant) * np.cross(middle, side)
+    card = Card(rectangles.frame(side + 0.3 * normal, normal), np.array([0.3, 0.15]), middle)
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    u, v = np.meshgrid(0.3 * nodes, 0.15 * nodes, indexing="ij")
+    points = middle + u[..., None] * card.axes[0] + v[..., None] * card.axes[1]
+    distance = np.linalg.norm(points, axis=-1)
+    seen = 0.3 * 0.15 * np.outer(weights, weights) * (normal @ middle) / distance**3
+    assert card.solid_angle == pytest.approx(seen.sum(), rel=1e-9)
+    mean = ((seen / distance)[..., None] * points).sum((0, 1))
+    np.testing.assert_allclose(card.centre, mean / np.linalg.norm(mean), atol=1e-9)
+
+
 @pytest.mark.parametrize("extent", [(0.01, 0.02), (0.2, 0.1), (0.9, 0.4)])
 def test_half_extents_have_the_mean_squares_asked_for(extent: tuple[float, float]) -> None:
     p, q = extent

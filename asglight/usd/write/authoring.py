@@ -114,7 +114,7 @@ class TrackAuthor:
         self._count(keep, times)
 
     def _count(self, keep: NDArray[np.bool_], times: NDArray[np.float64]) -> None:
-        at_frames = keep if len(times) == len(self.frames) else keep & np.isin(times, self.frames)
+        at_frames = keep & (times == self.frames[np.searchsorted(self.frames, times)])
         self.written += int(keep.sum())
         self.between += int(keep.sum() - at_frames.sum())
         self.left_out += len(self.frames) - int(at_frames.sum())
