@@ -37,7 +37,7 @@ def test_keys_and_rest_of_cases_by_chance_are_the_map(index: int) -> None:
     assert corners is None or corners < 0.1
 
 
-@pytest.mark.parametrize("index", [1, 4, 6], ids=[KINDS[k] for k in (1, 4, 6)])
+@pytest.mark.parametrize("index", [1, 4], ids=[KINDS[k] for k in (1, 4)])
 def test_keys_with_their_pixels_are_the_map_more_nearly(index: int) -> None:
     options = argparse.Namespace(keys=None, texture=True)
     row, _ = synthetic.judged_case(ten()[index], options)

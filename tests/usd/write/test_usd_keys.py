@@ -35,8 +35,7 @@ def light_types(stage: Usd.Stage) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize("texture", [False, True])
-@pytest.mark.parametrize("extension", ["usda", "usdc"])
+@pytest.mark.parametrize(("extension", "texture"), [("usda", True), ("usdc", False)])
 def test_lights_and_rest_are_the_image(tmp_path: Path, extension: str, texture: bool) -> None:
     truth = images(tmp_path)
     write(tmp_path, f"shot.{extension}", texture=texture)

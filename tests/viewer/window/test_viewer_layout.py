@@ -21,20 +21,20 @@ from asglight.viewer.state.held import Held
 from asglight.viewer.state.views import Outlines, Theme
 
 SIZES = [
-    ((1024, 640), 1.0),
-    ((1366, 768), 1.0),
-    ((1600, 1000), 1.0),
-    ((1920, 1080), 1.0),
-    ((1920, 1080), 2.0),
+    (Theme.DARK, (1024, 640), 1.0),
+    (Theme.DARK, (1366, 768), 1.0),
+    (Theme.LIGHT, (1600, 1000), 1.0),
+    (Theme.DARK, (1920, 1080), 1.0),
+    (Theme.LIGHT, (1920, 1080), 2.0),
 ]
-"""Columns, rows, and how many texels a point has. 4k at scale 2 is laid out as 1920 x 1080 at scale
-1, and the screen of GLFW's null platform is no larger."""
+"""Theme, columns, rows, and how many texels a point has. A theme has the same sizes as another. 4k
+at scale 2 is laid out as 1920 x 1080 at scale 1, and the screen of GLFW's null platform is no
+larger."""
 
 
 def everywhere(test: Callable[..., None]) -> Callable[..., None]:
-    """Run a test at every size, in both themes."""
-    themed = pytest.mark.parametrize("theme", list(Theme))(test)
-    return pytest.mark.parametrize(("size", "scale"), SIZES)(themed)
+    """Run a test at every size, some in one theme and some in the other."""
+    return pytest.mark.parametrize(("theme", "size", "scale"), SIZES)(test)
 
 
 BALL_EM = 2.8
