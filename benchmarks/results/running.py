@@ -44,7 +44,7 @@ class Where:
 def here(root: Path) -> Where:
     """Return where and when something is measured now."""
     at = machine()
-    commit = _git(root, "rev-parse", "--short", "HEAD")
+    commit = _git(root, "rev-parse", "--short", "HEAD") or "unknown"
     sources = (".", ":!docs", ":!README.md")  # pages change while parts are made
     changed = _git(root, "status", "--porcelain", "--untracked-files=no", "--", *sources)
     return Where(
@@ -56,7 +56,7 @@ def here(root: Path) -> Where:
 
 def _git(root: Path, *words: str) -> str:
     found = subprocess.run(["git", "-C", root, *words], capture_output=True, text=True, check=False)
-    return found.stdout.strip() or "unknown"
+    return found.stdout.strip()
 
 
 def pages(root: Path) -> list[Path]:

@@ -2,6 +2,7 @@
 """`python -m benchmarks.results`: pages are made by their commands, and hold no other numbers."""
 
 import json
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from benchmarks.results import __main__ as command
 from benchmarks.results.blocks import Block, blocks, is_of_numbers, loose_numbers, with_blocks
 from benchmarks.results.parts import PARTS_FILE, chosen, read_parts
 from benchmarks.results.readers import read_tables
-from benchmarks.results.running import complaints
+from benchmarks.results.running import complaints, here
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -235,3 +236,29 @@ def test_tables_are_read_of_a_comparison() -> None:
     row = "| EM | 120 | 1.0 | 0.2500 | 0.2500 | 0.2500 | 0.2500 | 0.2500 | 0.2500 | – | 0.250 |"
     assert errors.split("\n")[2] == row
     assert spheres.split("\n")[2] == "| EM | 0.125 | 0.5 | 2 |"
+
+
+def test_a_table_names_its_commit_and_whether_a_tracked_file_had_changed(tmp_path: Path) -> None:
+    """Pages change while parts are made, so they do not count."""
+
+    def git(*words: str) -> str:
+        name = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
+        command = ["git", "-C", str(tmp_path), *name, *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    (tmp_path / "docs").mkdir()
+    source, page = tmp_path / "fit.py", tmp_path / "docs" / "page.md"
+    source.write_text("one")
+    page.write_text("one")
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-qm", "first")
+    commit = git("rev-parse", "--short", "HEAD")
+    page.write_text("two")
+    assert here(tmp_path).commit == commit
+    source.write_text("two")
+    assert here(tmp_path).commit == f"{commit} and changes after it"
+
+
+def test_a_table_that_was_made_outside_of_git_says_so(tmp_path: Path) -> None:
+    assert here(tmp_path).commit == "unknown"
