@@ -97,7 +97,7 @@ test-dcc-short: setup setup-dcc blender-extension  ## the same on the built-in s
 	$(BIN)/python -m dcc.measure --short --size 12 --samples 1536 -o dcc-output/short
 	$(BIN)/python -m pytest tests/integrations -m blender
 	$(BIN)/python -m dcc.moving.measure --short --size 12 --samples 512 --zip $(EXTENSION) -o dcc-output/short-moving
-	$(BIN)/python -m dcc.keyed.measure --short --size 12 --samples 512 --zip $(EXTENSION) -o dcc-output/short-keyed
+	$(BIN)/python -m dcc.keyed.measure --short --samples 64 --zip $(EXTENSION) -o dcc-output/short-keyed
 
 test-ball-truth: setup setup-dcc  ## what judges balls, and draws them, against Mitsuba: two tables
 	$(BIN)/python -m dcc.ball_truth

@@ -119,8 +119,8 @@ def parser(room: str, description: str | None, output: str) -> argparse.Argument
     add = found.add_argument
     add("--sequences", type=Path, default=Path("../shared/sequences"), metavar="DIR")
     add("--short", action="store_true", help="the built-in sky only, in Blender only")
-    add("--size", type=int, default=16, metavar="S", help="pixels across a ball (16)")
-    add("--samples", type=int, default=1024, metavar="N", help="of a pixel and seed (1024)")
+    add("--size", type=int, default=16, metavar="S", help="pixels across a ball")
+    add("--samples", type=int, default=1024, metavar="N", help="of a pixel and seed")
     add("-o", "--output", type=Path, default=Path(output), metavar="DIR")
     return found
 

@@ -3,8 +3,9 @@
 
 import numpy as np
 import pytest
+import torch
 
-from dcc.keyed import board, measure
+from dcc.keyed import board, cases, measure
 from dcc.keyed.board import Shadow
 from dcc.keyed.measure import Row, Shadows
 
@@ -76,3 +77,12 @@ def test_what_is_above_its_limit_is_said() -> None:
     assert "| a | keys and rest | +0.10° | 1.05° | 50.0 |" in measure.shadow_table(
         [Shadows("a", 0.1, truth, Shadow(0.1, 1.05, 0.5))]
     )
+
+
+@pytest.mark.parametrize(("rows", "found"), [(128, 512), (300, 600), (512, 512), (2000, 2000)])
+def test_texels_of_small_images_are_repeated(rows: int, found: int) -> None:
+    radiance = torch.rand(rows, 2 * rows, 3)
+    repeated = cases.repeated(radiance)
+    assert repeated.shape == (found, 2 * found, 3)
+    times = found // rows
+    assert torch.equal(repeated[times - 1 :: times, ::times], radiance)
