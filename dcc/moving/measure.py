@@ -8,6 +8,7 @@ above its limit, 2 where something is missing.
 """
 
 import argparse
+import itertools
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -43,6 +44,10 @@ KIN = {
     AS_SUNS: {"representations": ("distant",)},
 }
 """Stages of the built-in sky with other options: each is imported in both ways."""
+
+
+PLACES = ("first", "middle", "last", "half frame")
+"""Of times in a shot."""
 
 
 @dataclass(frozen=True)
@@ -168,13 +173,26 @@ def _to(view: str) -> torch.Tensor:
 
 
 def table(found: Sequence[Row]) -> str:
-    """Return the rows as Markdown."""
-    lines = ["| shot | through | time | error | level | noise | |", "| --- " * 7 + "|"]
-    for row in found:
-        verdict = "" if row.agrees else "ABOVE"
-        numbers = f"{100 * row.error:.2f} | {row.level:.4f} | {100 * row.noise:.2f}"
-        lines.append(f"| {row.shot} | {row.way} | {row.time:g} | {numbers} | {verdict} |")
+    """Return the errors as Markdown, percent: a line for each shot and way, a column for a time."""
+    columns = ["shot", "through", *PLACES, "noise"]
+    lines = [f"| {' | '.join(columns)} |", "| --- | --- |" + " ---: |" * (len(PLACES) + 1)]
+    for (shot, way), group in itertools.groupby(found, lambda row: (row.shot, row.way)):
+        rows = sorted(group, key=lambda row: row.time)
+        at_frames = [row for row in rows if row.time == int(row.time)]
+        between = [row for row in rows if row.time != int(row.time)]
+        middle = at_frames[1:-1]
+        cells = [_cell(some) for some in (at_frames[:1], middle, at_frames[-1:], between)]
+        noise = f"{100 * max(row.noise for row in rows):.2f}"
+        lines.append(f"| {shot} | {way} | {' | '.join(cells)} | {noise} |")
     return "\n".join(lines)
+
+
+def _cell(rows: Sequence[Row]) -> str:
+    """Return the largest error of some rows."""
+    if not rows:
+        return "–"
+    worst = max(rows, key=lambda row: row.error)
+    return f"{100 * worst.error:.2f}" + ("" if worst.agrees else " ABOVE")
 
 
 if __name__ == "__main__":
