@@ -174,9 +174,9 @@ class Patch:
 def aligned(card: Card, before: Card | None) -> Card:
     """Return the same card with that order of its sides that is nearest to the one before.
 
-    The first has the side along x that is seen narrower, as the frames of lobes do
-    (`asglight.lobes.frames.continuous`), so that frames stay as they are when keys become lobes and
-    textures stay with their cards.
+    The first has the side along x that is seen narrower. The order is that of the frames of lobes
+    (`asglight.lobes.frames.continuous`), by how the sides are seen, so that frames stay as they are
+    when keys become lobes and textures stay with their cards.
     """
     x, y, z = card.axes
     turned = [
@@ -188,7 +188,10 @@ def aligned(card: Card, before: Card | None) -> Card:
     if before is None:
         squares = card.extent**2 if card.is_facing else seen_as(card).squares
         return turned[1] if squares[1] < squares[0] else turned[0]
-    return max(turned, key=lambda one: float((one.axes * before.axes).sum()))
+    own, last = (one.axes if one.is_facing else seen_as(one).axes for one in (card, before))
+    along = float((own[:2] * last[:2]).sum())
+    across = float(own[1] @ last[0] - own[0] @ last[1])
+    return turned[int(np.argmax([along, across, -along, -across]))]
 
 
 class SeenAs(NamedTuple):

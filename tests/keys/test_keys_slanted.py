@@ -8,12 +8,13 @@ import pytest
 import torch
 from key_cases import Rectangle, corner_error, sky, with_lamps
 
-from asglight.keys import texture
+from asglight.keys import rectangles, texture
 from asglight.keys.cut import FrameCut, Wanted, frame_cut, light_of
 from asglight.keys.lobes import as_lobes
 from asglight.keys.rectangles import Card, turn_between
 from asglight.keys.sighting import sightings
 from asglight.lobes import asg
+from asglight.lobes.frames import continuous
 from asglight.sphere import latlong
 from asglight.usd.lights import cards
 
@@ -125,3 +126,26 @@ def test_the_pixels_of_a_slanted_lamp_are_even_on_its_card(lamp: Rectangle) -> N
 
 def lamp_card(lamp: Rectangle) -> Card:
     return Card(lamp.sides, lamp.extent, lamp.axes[2])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_frames_of_lobes_stay_as_cards_have_them_however_those_turn(seed: int) -> None:
+    """A texture lies along the sides of its card: where the lobe's frame turned, it would not."""
+    random = np.random.default_rng(seed)
+    chain: list[Card] = []
+    middle = np.array([0.0, 0.6, 0.8])
+    for _ in range(40):
+        middle = middle + 0.1 * random.normal(size=3)
+        middle /= np.linalg.norm(middle)
+        aside = np.cross(middle, random.normal(size=3))
+        slant = random.uniform(0, 1.3)
+        normal = np.cos(slant) * middle + np.sin(slant) * aside / np.linalg.norm(aside)
+        axes = rectangles.frame(random.normal(size=3), normal)
+        card = Card(axes, random.uniform(0.05, 0.4, 2), middle)
+        chain.append(rectangles.aligned(card, chain[-1] if chain else None))
+    lobes = as_lobes([[card] for card in chain], np.ones((len(chain), 1, 3)))
+    kept = continuous(lobes)
+    torch.testing.assert_close(kept.axes, lobes.axes)
+    assert kept.slant is not None
+    assert lobes.slant is not None
+    torch.testing.assert_close(kept.slant, lobes.slant)
