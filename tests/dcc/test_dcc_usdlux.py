@@ -14,10 +14,10 @@ from asglight.images import write_exr
 from asglight.lobes import Lobes, LobeTracks, asg
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
-from asglight.usd import Representation
+from asglight.usd import Representation, write_usd
 from asglight.usd.lights import distant
 from asglight.usd.options import OF_LOBES
-from dcc import images, lobe_light, quadrature, scene, stages, usdlux
+from dcc import images, lobe_light, quadrature, rows, scene, stages, usdlux
 from dcc.quadrature import Light
 
 UP = torch.tensor([[0.0, 1.0, 0.0]], dtype=torch.float64)
@@ -172,3 +172,19 @@ def test_the_dome_is_fine_enough_for_a_sun(tmp_path: Path) -> None:
     expected, found = quadrature.shown(lights, normals, view, 0.25)
     # half of the dome's limit in Blender, dcc/rows.py; texel means of 256 rows are off by 1 %
     assert float((found - expected).norm() / expected.norm()) < 5e-3
+
+
+def test_a_band_around_the_horizon_is_the_lobe_on_glossy_balls(tmp_path: Path) -> None:
+    """It is wider than any card one way, and narrower than a texel of the fill the other."""
+    upright = torch.tensor([[[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]])
+    sharpness, amplitude = torch.tensor([[[600.0, 0.01]]]), torch.ones(1, 1, 3)
+    lobes = Lobes(upright, sharpness, amplitude)
+    path = tmp_path / "band.usda"
+    write_usd(LobeTracks((1,), 24.0, lobes), path, representations=("cards",))
+    shown = usdlux.light_of(path, 1.0), lobe_light.light_of(lobes[0].to(torch.float64))
+    view = torch.tensor(scene.VIEWS["front"], dtype=torch.float64)
+    normals = torch.from_numpy(scene.normals(12, "front"))
+    found, expected = (quadrature.shown([one], normals, view, 0.25)[0].numpy() for one in shown)
+    assert rows.relative_rms(found, expected) < 0.02
+    found, expected = (quadrature.shown([one], normals, view, 0.5)[0].numpy() for one in shown)
+    assert rows.relative_rms(found, expected) < 0.005

@@ -121,7 +121,7 @@ def frames_of(form: Form, sharpness: list[tuple[float, float]], flux: list[float
         (Form.ASG, (3.0, 4.0), Kind.SOFT),
         (Form.ASG, (1.5, 1.5), Kind.FILL),
         (Form.ASG, (0.001, 40.0), Kind.FILL),
-        (Form.ASG, (0.001, 80.0), Kind.SOFT),  # narrower than the fill's texels
+        (Form.ASG, (0.001, 800.0), Kind.FILL),  # narrower than the fill's texels
         (Form.SG, (8.0, 8.0), Kind.SOFT),
         (Form.SG, (4.0, 4.0), Kind.FILL),
         (Form.BINGHAM, (6.0, 6.0), Kind.SOFT),
