@@ -39,6 +39,7 @@ class Case:
         images: Of each what the stage was made of: the image as asglight reads it, its texels as
             even as asglight takes them. Images may hold negative texels, which filters leave beside
             lamps; Cycles takes their light away.
+        rows: Of these images before their texels were repeated.
         key: Direction to the key with most light in the first of them.  [3]
     """
 
@@ -46,6 +47,7 @@ class Case:
     stage: Path
     frames: tuple[int, ...]
     images: tuple[Path, ...]
+    rows: int
     key: NDArray[np.float64]
 
 
@@ -79,16 +81,18 @@ def case(source: Path, output: Path, count: int = FRAMES) -> Case:
     chosen = [len(every) // 2] if count == 1 else np.linspace(0, len(every) - 1, count).round()
     places = sorted({int(place) for place in chosen})
     frames = tuple(every[place] for place in places)
-    images = []
+    images, rows = [], 0
     for place, frame in zip(places, frames, strict=True):
+        radiance_read = open_sequence(source).read(frame).radiance
+        rows = len(radiance_read)
         images.append(output / "images" / f"{source.stem}.{frame:04d}.exr")
-        write_exr(images[-1], repeated(open_sequence(source).read(frame).radiance), half=False)
+        write_exr(images[-1], repeated(radiance_read), half=False)
         rest = Path(keys.rest.images[place])
         write_exr(rest, repeated(read_latlong(rest).radiance), half=False)
     lobes = keys.tracks.lobes[places[0]]
     strongest = int(asg.flux(lobes).sum(-1).argmax())
     key = lobes.axis_z[strongest].double().numpy()
-    return Case(source.stem, stage, frames, tuple(images), key)
+    return Case(source.stem, stage, frames, tuple(images), rows, key)
 
 
 def repeated(radiance: Tensor) -> Tensor:

@@ -18,7 +18,6 @@ import numpy as np
 import torch
 
 from asglight.errors import InputError
-from asglight.usd import read_keys
 from dcc import renderers, rows, scene, shots, stages
 from dcc.keyed import board, cases
 from dcc.keyed.board import Shadow
@@ -37,8 +36,8 @@ SOFTNESS_LIMIT = 0.1
 """Of the softness, between the shadows: nobody sees a tenth of a penumbra."""
 
 SOFTNESS_TEXELS = 0.5
-"""Of the image, which the softness may differ by in any case: Cycles interpolates between texels,
-so that a lamp of a texel or two has edges that soft, and its card has none."""
+"""Of the image, before its texels are repeated, which the softness may differ by in any case: a
+lamp of a texel or two has edges as blurred as its texels, and its card has none."""
 
 MIRROR = "mirror"
 
@@ -150,9 +149,7 @@ def _out(output: Path, *words: object) -> Path:
 
 def _shown(one: Case, output: Path) -> Iterator[tuple[str, Path, tuple[int, ...], int, str]]:
     """Give what is imported: which light, a stage, its frames, rows of its world, and a name."""
-    keys = read_keys(one.stage)
-    assert keys is not None
-    yield KEYED, one.stage, one.frames, shots.rows_of(Path(keys.rest.images[0])), "keyed"
+    yield KEYED, one.stage, one.frames, shots.rows_of(one.images[0]), "keyed"
     for frame, image in zip(one.frames, one.images, strict=True):
         stage = stages.original(image, output / "renders" / f"{one.name}-{frame}.usda")
         yield ORIGINAL, stage, (frame,), shots.rows_of(image), f"original-{frame}"
@@ -230,7 +227,7 @@ def _shadows(one: Case, output: Path) -> Shadows:
         board.measured(*np.load(_out(output, one.name, name, "board"))["boards"].astype(float))
         for name in (f"original-{one.frames[0]}", "keyed")
     )
-    return Shadows(one.name, 180 / shots.rows_of(one.images[0]), original, keyed)
+    return Shadows(one.name, 180 / one.rows, original, keyed)
 
 
 def failures(found: Sequence[Row], shadows: Sequence[Shadows]) -> list[str]:
