@@ -83,10 +83,10 @@ def case(source: Path, output: Path, count: int = FRAMES) -> Case:
     frames = tuple(every[place] for place in places)
     images, rows = [], 0
     for place, frame in zip(places, frames, strict=True):
-        radiance_read = open_sequence(source).read(frame).radiance
-        rows = len(radiance_read)
+        image = open_sequence(source).read(frame).radiance
+        rows = len(image)
         images.append(output / "images" / f"{source.stem}.{frame:04d}.exr")
-        write_exr(images[-1], repeated(radiance_read), half=False)
+        write_exr(images[-1], repeated(image), half=False)
         rest = Path(keys.rest.images[place])
         write_exr(rest, repeated(read_latlong(rest).radiance), half=False)
     lobes = keys.tracks.lobes[places[0]]
