@@ -265,11 +265,13 @@ def balls(patch: Patch) -> list[Array]:
         [Q, P] each; directions in which next to nothing is seen are left out.
     """
     cosine = torch.from_numpy(DIRECTIONS @ patch.centres.T)
+    nearest = cosine.amax(1)
     found = []
     for roughness in BALLS:
-        kernel = kernels.kernel_values(roughness, cosine) / _kernel_sum(roughness)
-        seen = kernel.amax(1) > UNSEEN * kernel.max()
-        found.append(kernel[seen].float().numpy())
+        most = kernels.kernel_values(roughness, nearest)  # it falls off with the angle
+        seen = most > UNSEEN * most.max()
+        kernel = kernels.kernel_values(roughness, cosine[seen]) / _kernel_sum(roughness)
+        found.append(kernel.float().numpy())
     return found
 
 

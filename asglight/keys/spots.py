@@ -70,8 +70,10 @@ class Grid:
         centre, radius = cap_of(spot)
         cosine = np.cos(min(radius + reach + 2 * self.texel, np.pi))
         place = np.flatnonzero((self.directions @ centre).ravel() >= cosine)
-        chord, _ = cKDTree(spot).query(self.directions.reshape(-1, 3)[place])
-        return place, 2 * np.arcsin(np.minimum(chord / 2, 1))
+        distance, beyond = np.zeros(len(place)), ~mask.ravel()[place]
+        chord, _ = cKDTree(spot).query(self.directions.reshape(-1, 3)[place[beyond]])
+        distance[beyond] = 2 * np.arcsin(np.minimum(chord / 2, 1))
+        return place, distance
 
 
 def cap_of(directions: Array) -> tuple[Array, float]:
