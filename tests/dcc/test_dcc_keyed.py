@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The shadow of a post: boards that are drawn by hand, and what is said of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -10,7 +12,8 @@ from dcc.keyed.board import Shadow
 from dcc.keyed.measure import Row, Shadows
 
 ROWS, COLUMNS = 160, 240
-GOOD = Row("day", 1001, {"matte": 0.003, "r0.5": 0.004, "r0.25": 0.01}, {"matte": 0.001}, 0.1, 1.0)
+ERRORS = {"matte": 0.003, "r0.5": 0.004, "r0.25": 0.01}
+GOOD = Row("day", 1001, ERRORS, {"matte": 0.001}, 0.01, 0.1, 1.0)
 
 
 def drawn(turn_deg: float, ramp: float, depth: float = 0.6) -> tuple[np.ndarray, np.ndarray]:
@@ -64,10 +67,12 @@ def test_a_key_meets_the_board_at_45_degrees_and_its_shadow_falls_to_the_right(k
 
 def test_what_is_above_its_limit_is_said() -> None:
     assert measure.failures([GOOD], []) == []
-    worse = Row("day", 1001, {**GOOD.errors, "r0.5": 0.006}, GOOD.noise, 0.1, 1.0)
+    worse = replace(GOOD, errors={**ERRORS, "r0.5": 0.006})
     assert measure.failures([worse], []) == ["day 1001 r0.5: 0.60%, above 0.5%"]
-    noisy = Row("day", 1001, worse.errors, {"r0.5": 0.005}, 0.1, 1.0)
+    noisy = replace(worse, noise={"r0.5": 0.005})
     assert measure.failures([noisy], []) == []
+    glossy = replace(GOOD, glossy=0.021)
+    assert measure.failures([glossy], []) == ["day 1001 r0.25, mean: 2.10%, above 2.0%"]
     truth = Shadow(0.0, 1.0, 0.5)
     assert measure.failures([], [Shadows("a", 0.1, truth, Shadow(0.1, 1.05, 0.5))]) == []
     [line] = measure.failures([], [Shadows("a", 0.1, truth, Shadow(-1.0, 1.0, 0.5))])
