@@ -125,7 +125,7 @@ def _plot(
     if is_logarithmic:
         implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
         numbers = log_ticks(*limits)
-        implot.setup_axis_ticks(implot.ImAxis_.y1, numbers, [f"{n:g}" for n in numbers])
+        implot.setup_axis_ticks(implot.ImAxis_.y1, numbers, [short(n) for n in numbers])
     lights, selected, names = _that_light(Held(state.tracks)), state.selected, state.lobe_names
     faint, chosen = implot.Spec(), implot.Spec()
     faint.line_color, chosen.line_color = _faint(), widgets.ACCENT
@@ -178,6 +178,13 @@ def log_ticks(low: float, high: float) -> list[float]:
         if len(found) > 1:
             break
     return found
+
+
+def short(number: float) -> str:
+    """Return a number, thousands and millions by their sign: narrow plots have room for curves."""
+    if 1e4 <= number < 1e6:
+        return f"{number / 1e3:g}k"
+    return f"{number / 1e6:g}M" if 1e6 <= number < 1e9 else f"{number:g}"
 
 
 def _faint() -> ImVec4:

@@ -87,7 +87,7 @@ def _comparison(state: ViewerState) -> None:
     widgets.button(
         state,
         "Open another stage as B",
-        "B...",
+        "stage B...",
         "Hold another fit of this shot, B, against this one, A.",
     )
     if state.against is not None:

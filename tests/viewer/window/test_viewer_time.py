@@ -20,7 +20,7 @@ from asglight.viewer.app import set_up
 from asglight.viewer.io import screenshot
 from asglight.viewer.pacing import wait_for_frame
 from asglight.viewer.panels import widgets
-from asglight.viewer.panels.curves import log_ticks, track_curves
+from asglight.viewer.panels.curves import log_ticks, short, track_curves
 from asglight.viewer.reference.images import Reference
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.session import Session
@@ -136,6 +136,14 @@ def test_logarithmic_axes_have_numbers_also_within_a_decade(
     low: float, high: float, wanted: list[float]
 ) -> None:
     assert log_ticks(low, high) == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [(0.001, "0.001"), (1000, "1000"), (1e4, "10k"), (1.5e5, "150k"), (1e6, "1M"), (1e9, "1e+09")],
+)
+def test_numbers_of_axes_are_short(number: float, text: str) -> None:
+    assert short(number) == text
 
 
 def test_half_a_frame_has_half_of_both_fluxes_the_mean_log_sharpness_and_half_the_turn(
