@@ -263,7 +263,8 @@ def failures(found: Sequence[Row], shadows: Sequence[Shadows]) -> list[str]:
 def table(found: Sequence[Row]) -> str:
     """Return the balls as Markdown, percent."""
     names = list(LIMITS)
-    columns = ["shot", "frame", *names, f"{GLOSSY} mean", MIRROR, "level", *(f"noise {name}" for name in names)]
+    columns = ["shot", "frame", *names, f"{GLOSSY} mean", MIRROR, "level"]
+    columns += [f"noise {name}" for name in names]
     lines = [f"| {' | '.join(columns)} |", "| --- |" + " ---: |" * (len(columns) - 1)]
     for row in found:
         cells = [row.shot, str(row.frame)]
