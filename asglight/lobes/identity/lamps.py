@@ -78,13 +78,14 @@ def _connected(near: Tensor) -> Tensor:
 def _bright_between(lobes: Lobes) -> Tensor:
     """Tell between which lobes, not too far to be looked at, it is bright all the way.  [K, K]."""
     first, last = torch.triu_indices(lobes.count, lobes.count, 1)
-    share = torch.linspace(0, 1, STEPS).to(lobes.axes)[:, None, None]
-    way = torch.lerp(lobes.axis_z[first], lobes.axis_z[last], share)  # [STEPS, K (K - 1) / 2, 3]
-    way = torch.nn.functional.normalize(way, dim=-1)
-    seen = asg.evaluate(lobes, way.view(-1, 3)).sum(-1).view(way.shape[:-1])
     sigma = variance(lobes).amax(-1).sqrt()
     apart = (lobes.axis_z[first] * lobes.axis_z[last]).sum(-1).clamp(-1, 1).acos()
     is_seen = apart <= (STEPS - 1) * torch.minimum(sigma[first], sigma[last])
+    first, last = first[is_seen], last[is_seen]
+    share = torch.linspace(0, 1, STEPS).to(lobes.axes)[:, None, None]
+    way = torch.lerp(lobes.axis_z[first], lobes.axis_z[last], share)  # [STEPS, pairs, 3]
+    way = torch.nn.functional.normalize(way, dim=-1)
+    seen = asg.evaluate(lobes, way.view(-1, 3)).sum(-1).view(way.shape[:-1])
     bright = torch.zeros(lobes.count, lobes.count, dtype=torch.bool)
-    bright[first, last] = is_seen & (seen.amin(0) >= BRIGHT_SHARE * seen.amax(0))
+    bright[first, last] = seen.amin(0) >= BRIGHT_SHARE * seen.amax(0)
     return bright

@@ -177,6 +177,8 @@ def _onward(shot: _Shot, frame: int, place: int) -> list[tuple[int, float]]:
         may = goes_on & (next_lamps == lamp) & (mates | ~shines)
         may[place] = False
         others = np.flatnonzero(may)
+        if not len(others):
+            continue
         prices = _prices(shot, frame, np.append(others, place), np.flatnonzero(kept))
         for other, price in zip(others, prices, strict=True):
             if price <= PRICE_MAX:
