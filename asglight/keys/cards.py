@@ -21,11 +21,11 @@ from asglight.keys.rectangles import (
     frame,
     frame_of,
     half_extent,
-    turn_between,
 )
 from asglight.keys.spots import Array, Grid
 from asglight.shading import kernels
 from asglight.sphere.quadrature import fibonacci_directions
+from asglight.sphere.turns import turn_between
 
 FINE = 0.25
 """Of the half width of a lamp: larger texels would not tell its sides."""

@@ -15,8 +15,9 @@ import numpy as np
 from scipy import optimize
 from scipy.spatial.transform import Rotation
 
-from asglight.keys.rectangles import Card, Patch, turn_between
+from asglight.keys.rectangles import Card, Patch
 from asglight.keys.spots import Array
+from asglight.sphere.turns import turn_between
 
 PROBE = 1e-6
 """Of derivatives of a card's numbers by differences: of its size, or in radians."""

@@ -250,16 +250,6 @@ def frame(x: Array, z: Array) -> Array:
     return np.array([x, y, z])
 
 
-def turn_between(before: Array, now: Array) -> Array:
-    """Return the least turn from one unit direction to another, for columns [Rodrigues 1840].
-
-    Not of opposite ones.  [3, 3]
-    """
-    across = np.outer(now, before)
-    across = across - across.T  # times a vector: its cross product with before x now
-    return np.eye(3) + across + across @ across / max(1 + float(before @ now), 1e-6)
-
-
 def frame_of(direction: Array) -> Array:
     """Return a frame about a direction whose x axis is level.  [3, 3]."""
     z = direction / np.linalg.norm(direction)

@@ -22,7 +22,7 @@ from asglight.keys import following, report, texture
 from asglight.keys.cut import ROWS, FrameCut, Wanted, frame_cut, light_of, parts
 from asglight.keys.following import Sighting, Track
 from asglight.keys.lobes import as_lobes
-from asglight.keys.rectangles import Card, turn_between
+from asglight.keys.rectangles import Card
 from asglight.keys.report import KeyFrame
 from asglight.keys.sighting import sightings
 from asglight.keys.spots import Grid, Mask, Places
@@ -31,6 +31,7 @@ from asglight.lobes.data import Lobes, first_unused
 from asglight.shots.events import Keyed, OnProgress
 from asglight.shots.keyed.images import Target
 from asglight.sphere import latlong
+from asglight.sphere.turns import turn_between
 from asglight.threads import one_thread
 from asglight.usd.options import KeyOptions
 from asglight.usd.spaces import Space

@@ -11,11 +11,12 @@ from key_cases import Rectangle, corner_error, sky, with_lamps
 from asglight.keys import rectangles, texture
 from asglight.keys.cut import FrameCut, Wanted, frame_cut, light_of
 from asglight.keys.lobes import as_lobes
-from asglight.keys.rectangles import Card, turn_between
+from asglight.keys.rectangles import Card
 from asglight.keys.sighting import sightings
 from asglight.lobes import asg
 from asglight.lobes.frames import continuous
 from asglight.sphere import latlong
+from asglight.sphere.turns import turn_between
 from asglight.usd.lights import cards
 
 ROWS = 128

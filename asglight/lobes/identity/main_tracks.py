@@ -31,6 +31,7 @@ from asglight.lobes import asg
 from asglight.lobes.data import Lobes
 from asglight.lobes.identity.lamps import lamps, variance
 from asglight.lobes.motion import exact
+from asglight.sphere.turns import turn_between
 
 Array = NDArray[np.float64]
 
@@ -199,8 +200,8 @@ def _prices(shot: _Shot, frame: int, tracks: NDArray[np.intp], kept: NDArray[np.
         kept: Tracks of the lamp that are lit in both frames, which say how it moves.
     """
     before, after = _ends(shot, frame, -1, tracks), _ends(shot, frame + 1, 1, tracks)
-    start, end = (shot.axis_z[at, shot.order[at, kept]].sum(0) for at in (frame, frame + 1))
-    turn = _turn(start, end) if len(kept) else np.eye(3)
+    ends = (shot.axis_z[at, shot.order[at, kept]].sum(0) for at in (frame, frame + 1))
+    turn = turn_between(*(one / np.linalg.norm(one) for one in ends)) if len(kept) else np.eye(3)
     cosine = (before.axis_z @ turn.T) @ after.axis_z.T  # [K + 1, K + 1]
     wider = (before.width[:, None] - after.width) ** 2  # [K + 1, K + 1, 2]
     square = np.arccos(np.clip(cosine, -1, 1)) ** 2 + wider.sum(-1)
@@ -241,15 +242,6 @@ def _ends(shot: _Shot, frame: int, step: int, tracks: NDArray[np.intp]) -> _Ends
         shot.axis_z[at, index],
         shot.width[at, index],
     )
-
-
-def _turn(start: Array, end: Array) -> Array:
-    """Return the rotation from a vector's direction to another's on their great circle.  [3, 3]."""
-    start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
-    across = np.outer(end, start)
-    across = across - across.T  # times a vector: the cross product with start x end
-    # Rodrigues' formula without the angle; opposite ends have no shortest way, and stay
-    return np.eye(3) + across + across @ across / max(1 + start @ end, 1e-6)
 
 
 def _follow(shot: _Shot, first: int, path: list[int]) -> None:
