@@ -114,10 +114,10 @@ class TrackAuthor:
         self._count(keep, times)
 
     def _count(self, keep: NDArray[np.bool_], times: NDArray[np.float64]) -> None:
-        at_frames = keep & (times == self.frames[np.searchsorted(self.frames, times)])
+        at_frames = int(keep[np.searchsorted(times, self.frames)].sum())
         self.written += int(keep.sum())
-        self.between += int(keep.sum() - at_frames.sum())
-        self.left_out += len(self.frames) - int(at_frames.sum())
+        self.between += int(keep.sum()) - at_frames
+        self.left_out += len(self.frames) - at_frames
 
 
 def _needed(
