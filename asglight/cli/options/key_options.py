@@ -101,10 +101,20 @@ def key_lines(document: dict[str, Any] | None) -> list[str]:
         part = "" if key["carried"] > 0.995 else f", {100 * key['carried']:.0f} % of its lamp"
         lines.append(
             f"  {key['name']}: {100 * key['share']:.2f} % of the light, {wide:.1f} x {high:.1f} "
-            f"degrees, color {color}, {key['stops']:.1f} stops above its surroundings{part}{when}; "
+            f"degrees, color {color}, {_above(key['stops'])}{part}{when}; "
             f"gradient of the rest at its rim {key['rim']:.2f} of that around"
         )
     return lines
+
+
+HALF_STOPS = 40.0
+"""From the least half float to the largest: what is more above the rest has black around it."""
+
+
+def _above(stops: float) -> str:
+    if stops > HALF_STOPS:
+        return "with black around it"
+    return f"{stops:.1f} stops above its surroundings"
 
 
 def _count(text: str) -> str | int:

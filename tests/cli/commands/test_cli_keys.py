@@ -58,6 +58,16 @@ def test_a_stage_gets_keys_beside_what_it_has(folder, tmp_path, capsys) -> None:
     assert "keys: 2, with " in text
 
 
+def test_a_lamp_with_nothing_around_it_has_black_around_it_and_no_stops(tmp_path, capsys) -> None:
+    alone = torch.zeros(32, 64, 3)
+    alone[10:14, 20:26] = 5.0
+    write_exr(tmp_path / "alone.exr", alone)
+    assert run("fit", tmp_path / "alone.exr", "-o", tmp_path / "a.usda", "--keys", "auto") == 0
+    text = capsys.readouterr().out
+    assert "with black around it" in text
+    assert "stops" not in text
+
+
 def test_info_tells_of_a_key_that_was_edited_and_of_no_other(folder, tmp_path, capsys) -> None:
     """A layer over the stage, as other programs write it."""
     target = tmp_path / "keyed.usda"
