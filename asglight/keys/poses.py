@@ -24,7 +24,7 @@ PROBE = 1e-6
 
 REACH = 0.1
 """First step at most, over a card's size, or in radians. Of 181 searches in a tunnel 20 end half as
-far off again as the best or farther; with 0.03 it is 25, with 1 and with no bound 21 and 28."""
+far off again as the best or farther; with 0.03 it is 25, with 1 and with no bound 22 and 28."""
 
 DONE = 1e-5
 """Of what is left of the outline, and of the steps: smaller ones are the last."""
