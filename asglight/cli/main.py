@@ -53,6 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Threads of torch that wait for others sleep. Those that spin take the processor from whom they
     # wait for: beside a renderer, moments of 19,000 lobes took 20 s of it, and take 0.4 s.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    # NumPy's matrices are small. On two threads beside a renderer keys took four times as long.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = list(sys.argv[1:] if argv is None else argv)
     on_interrupt = "interrupted"
     try:

@@ -7,8 +7,6 @@ with which it differs least from the lamp: texel by texel, and as glossy balls s
 Symbols: P texels around a lamp; S points in each.
 """
 
-from functools import lru_cache
-
 import numpy as np
 import torch
 from scipy import optimize
@@ -266,21 +264,14 @@ def balls(patch: Patch) -> list[Array]:
     """
     cosine = torch.from_numpy(DIRECTIONS @ patch.centres.T)
     nearest = cosine.amax(1)
+    solid_angle = 4 * np.pi / len(DIRECTIONS)
     found = []
     for roughness in BALLS:
         most = kernels.kernel_values(roughness, nearest)  # it falls off with the angle
         seen = most > UNSEEN * most.max()
-        kernel = kernels.kernel_values(roughness, cosine[seen]) / _kernel_sum(roughness)
-        found.append(kernel.float().numpy())
+        share = solid_angle / kernels.ggx_integral(roughness)
+        found.append((share * kernels.kernel_values(roughness, cosine[seen])).float().numpy())
     return found
-
-
-@lru_cache(maxsize=4)
-def _kernel_sum(roughness: float) -> float:
-    """Return the sum of a kernel over the directions: its integral over their solid angle each."""
-    nodes, weights = np.polynomial.legendre.leggauss(400)  # exact to 1e-9 for these
-    values = kernels.kernel_values(roughness, torch.from_numpy(nodes)).numpy()
-    return float(2 * np.pi * (values * weights).sum() * len(DIRECTIONS) / (4 * np.pi))
 
 
 def holding(patch: Patch, light: Array, start: Card | None = None) -> Card:

@@ -40,6 +40,21 @@ def ggx(cosine: Tensor, roughness: float) -> Tensor:
     return cosine.clamp(min=0) / (alpha_squared + below_peak * (1 - alpha_squared)).square()
 
 
+def ggx_integral(roughness: float) -> float:
+    """Return the integral of `ggx` over the sphere.
+
+    With a = alpha^2, b = 1 - a and u = a + b (1 - c) / 2 it is that of (1 - 2 (u - a) / b) / u^2,
+    times 4 pi / b, from a to a + b / 2.
+    """
+    start = roughness**4
+    slope = 1 - start
+    if slope == 0:
+        return math.pi
+    end = start + slope / 2
+    square = (1 + 2 * start / slope) * (1 / start - 1 / end)
+    return 4 * math.pi / slope * (square - 2 / slope * math.log(end / start))
+
+
 def filtered(
     maps: Tensor, kernel: str | float, directions: Tensor, *, normalised: bool | None = None
 ) -> Tensor:

@@ -2,10 +2,12 @@
 """What a command loads before it has something to do: no fitter to read, no library to wait for."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import sky_files
 from usd_tracks import moving
@@ -53,6 +55,28 @@ def test_threads_that_wait_sleep_unless_the_user_says_otherwise(
     code = "from asglight.cli.main import main; main(['info', 'x.usda']); import torch"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert f"OMP_WAIT_POLICY = '{said or 'PASSIVE'}'" in run.stderr
+
+
+@pytest.mark.parametrize(("said", "threads"), [(None, 1), ("2", 2)])
+def test_matrices_of_numpy_are_on_one_thread_unless_the_user_says_otherwise(
+    said: str | None, threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OpenBLAS reads it when NumPy is loaded, and says how many it goes by."""
+    libraries = [*Path(np.__file__).parents[1].glob("numpy.libs/libscipy_openblas64_*")]
+    if not libraries or len(os.sched_getaffinity(0)) < 2:
+        pytest.skip("NumPy without its own OpenBLAS, or one core")
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    if said:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", said)
+    code = (
+        "import ctypes, sys\nfrom asglight.cli.main import main\n"
+        "main(['info', 'x.usda'])\nimport numpy\n"
+        "print(ctypes.CDLL(sys.argv[1]).scipy_openblas_get_num_threads64_())"
+    )
+    words = [sys.executable, "-c", code, str(libraries[0])]
+    run = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert run.stdout.split() == [str(threads)]
 
 
 def test_help_of_all_loads_no_numbers(tmp_path: Path) -> None:

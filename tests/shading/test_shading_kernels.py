@@ -42,6 +42,16 @@ def _ggx_distribution(normal_half: np.ndarray, alpha: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("roughness", ROUGHNESS)
+def test_the_integral_of_ggx_is_that_of_quadrature(roughness: float) -> None:
+    def value(cosine: float) -> float:
+        return float(kernels.ggx(torch.tensor(cosine, dtype=torch.float64), roughness))
+
+    peak = 1 - roughness**4  # where quadrature is to look closer
+    found, _ = scipy.integrate.quad(value, 0, 1, points=[peak], limit=400, epsrel=1e-11)
+    assert kernels.ggx_integral(roughness) == pytest.approx(2 * math.pi * found, rel=1e-8)
+
+
+@pytest.mark.parametrize("roughness", ROUGHNESS)
 def test_ggx_kernel_is_the_distribution_at_the_half_vector_times_the_cosine(
     roughness: float,
 ) -> None:
