@@ -262,7 +262,7 @@ def balls(patch: Patch) -> list[Array]:
     Returns:
         [Q, P] each; directions in which next to nothing is seen are left out.
     """
-    cosine = torch.from_numpy(DIRECTIONS @ patch.centres.T)
+    cosine = torch.from_numpy(DIRECTIONS @ patch.centres.T).float()  # to 2e-5 of a kernel's peak
     nearest = cosine.amax(1)
     solid_angle = 4 * np.pi / len(DIRECTIONS)
     found = []
@@ -270,7 +270,7 @@ def balls(patch: Patch) -> list[Array]:
         most = kernels.kernel_values(roughness, nearest)  # it falls off with the angle
         seen = most > UNSEEN * most.max()
         share = solid_angle / kernels.ggx_integral(roughness)
-        found.append((share * kernels.kernel_values(roughness, cosine[seen])).float().numpy())
+        found.append((share * kernels.kernel_values(roughness, cosine[seen])).numpy())
     return found
 
 

@@ -8,6 +8,7 @@ whole outline at once by least squares, as corners of a few texels are none to r
 Symbols: P texels around a lamp.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -80,7 +81,7 @@ def posed(patch: Patch, light: Array, facing: Card) -> Card:
         facing: A card about there that faces the origin.
     """
     cost = _Outline(patch, outline(patch, light))
-    found = [cost.nearest(_changed(facing, _turn(angle))) for angle in TURNS]
+    found = [cost.nearest(card) for card in _changed(facing, _turns(TURNS))]
     found += [cost.nearest(_mirrored(card)) for card, _ in found]
     return min(found, key=lambda one: one[1])[0]
 
@@ -118,7 +119,7 @@ class _Outline:
         """Return the nearest card from a start on, and what is left [Levenberg, Marquardt]."""
         slopes: Any = partial(self._slopes, card)  # scipy without stubs reads as if it were a name
         found = optimize.least_squares(
-            lambda step: self._residual(_changed(card, step)),
+            lambda step: self._residual(*_changed(card, step[None])),
             np.zeros(7),
             jac=slopes,
             method="lm",
@@ -127,7 +128,8 @@ class _Outline:
             xtol=DONE,
             max_nfev=EVALUATIONS,
         )
-        return _changed(card, found.x), 2 * float(found.cost)
+        [best] = _changed(card, found.x[None])
+        return best, 2 * float(found.cost)
 
     def _residual(self, card: Card) -> Array:
         """Return what differs of each texel, and the slant.  [P + 2]."""
@@ -138,31 +140,34 @@ class _Outline:
 
     def _slopes(self, card: Card, step: Array) -> Array:
         """Return the derivative of `_residual` with the step that changes a card.  [P + 2, 7]."""
-        here, *there = [_changed(card, step + one) for one in PROBE * np.eye(8, 7, -1)]
+        here, *there = _changed(card, step + PROBE * np.eye(8, 7, -1))
         more = self._patch.covered_more(here, there) / self._solid[:, None]
         feet = np.stack([one.foot[:2] - here.foot[:2] for one in there], -1)
         return np.concatenate([self._scale[:, None] * more, UPRIGHT * feet]) / PROBE
 
 
-def _turn(angle: float) -> Array:
-    return np.array([0, 0, 0, 0, angle, 0, 0])
+def _turns(angles: Sequence[float]) -> Array:
+    """Return steps that turn a card about its middle.  [N, 7]."""
+    steps = np.zeros((len(angles), 7))
+    steps[:, 4] = angles
+    return steps
 
 
-def _changed(card: Card, step: Array) -> Card:
-    """Return a card moved, turned about its middle, and grown.
+def _changed(card: Card, steps: Array) -> list[Card]:
+    """Return a card moved, turned about its middle, and grown, in several ways.
 
     Args:
         card: The card.
-        step: Its way along its sides, over its size; axis times angle of the turn, in its own
-            frame; logarithms of its growth.  [7]
+        steps: Its way along its sides, over its size; axis times angle of the turn, in its own
+            frame; logarithms of its growth.  [N, 7]
     """
     size = float(card.seen_extent.max())
-    middle = card.middle + size * (step[:2] @ card.axes[:2])
-    middle = middle / np.linalg.norm(middle)
-    moved = card.turned(turn_between(card.middle, middle))
-    turn = Rotation.from_rotvec(step[2:5]).as_matrix().T
-    growth = np.exp(np.clip(step[5:], -GROWTH_MOST, GROWTH_MOST))
-    return Card(turn @ moved.axes, card.extent * growth, middle)
+    middles = card.middle + size * (steps[:, :2] @ card.axes[:2])
+    middles /= np.linalg.norm(middles, axis=-1, keepdims=True)
+    moved = card.axes @ turn_between(card.middle, middles).swapaxes(-1, -2)
+    turned = Rotation.from_rotvec(steps[:, 2:5]).as_matrix().swapaxes(-1, -2) @ moved
+    extents = card.extent * np.exp(np.clip(steps[:, 5:], -GROWTH_MOST, GROWTH_MOST))
+    return [Card(*one) for one in zip(turned, extents, middles, strict=True)]
 
 
 def _mirrored(card: Card) -> Card:

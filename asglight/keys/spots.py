@@ -66,14 +66,18 @@ class Grid:
         Returns:
             Flat places of texels [P], and angles in radians, 0 within the spot [P].
         """
-        spot = self.directions[mask]
+        lit = np.flatnonzero(mask.any(1))
+        wider = int(reach / self.texel) + 2
+        rows = slice(max(int(lit[0]) - wider, 0), int(lit[-1]) + wider + 1)
+        around, own = self.directions[rows].reshape(-1, 3), mask[rows].ravel()
+        spot = around[own]
         centre, radius = cap_of(spot)
         cosine = np.cos(min(radius + reach + 2 * self.texel, np.pi))
-        place = np.flatnonzero((self.directions @ centre).ravel() >= cosine)
-        distance, beyond = np.zeros(len(place)), ~mask.ravel()[place]
-        chord, _ = cKDTree(spot).query(self.directions.reshape(-1, 3)[place[beyond]])
+        place = np.flatnonzero(around @ centre >= cosine)
+        distance, beyond = np.zeros(len(place)), ~own[place]
+        chord, _ = cKDTree(spot).query(around[place[beyond]])
         distance[beyond] = 2 * np.arcsin(np.minimum(chord / 2, 1))
-        return place, distance
+        return place + rows.start * mask.shape[1], distance
 
 
 def cap_of(directions: Array) -> tuple[Array, float]:

@@ -11,16 +11,17 @@ OPPOSITE = 1e-6
 
 
 def turn_between(before: Array, now: Array) -> Array:
-    """Return the least turn from one unit direction to another [Rodrigues 1840].
+    """Return the least turn from one unit direction to others [Rodrigues 1840].
 
     Args:
         before: [3]
-        now: Not the opposite of it.  [3]
+        now: None the opposite of it.  [..., 3]
 
     Returns:
-        [3, 3]
+        [..., 3, 3]
     """
-    across = np.outer(now, before)
-    across = across - across.T  # times a vector: its cross product with before x now
+    across = now[..., :, None] * before
+    across = across - across.swapaxes(-1, -2)  # times a vector: its cross product with before x now
     # Rodrigues' formula without the angle
-    return np.eye(3) + across + across @ across / max(1 + float(before @ now), OPPOSITE)
+    part = 1 / np.maximum(1 + now @ before, OPPOSITE)
+    return np.eye(3) + across + part[..., None, None] * (across @ across)
