@@ -120,11 +120,12 @@ def test_a_row_names_the_part_of_the_steps_that_was_taken() -> None:
 
 def test_a_caption_gives_the_errors_and_leaves_out_a_flip_that_is_not_there() -> None:
     text = compare_sheet.caption(result())
-    assert text.split("    ") == [
+    assert text.split("   ") == [
         "120 floats", "env 1.23 %", "irr 1.23 %", "r0.5 1.23 %", "r0.25 1.23 %",
         "PSNR 31.3 dB", "FLIP 0.041",
     ]  # fmt: skip
     assert "FLIP" not in compare_sheet.caption(result(flip=None))
+    assert compare_sheet.caption(result(floats=1_098_260)).startswith("1098k floats   ")
 
 
 def test_the_sheet_has_room_for_every_method(tmp_path: Path) -> None:

@@ -59,14 +59,15 @@ def draw(path: Path, comparison: Comparison, title: str) -> None:
 
 def caption(result: Result) -> str:
     """Return the errors of a method as one line."""
-    parts = [f"{result.floats} floats"]
+    count = f"{result.floats}" if result.floats < 10_000 else f"{result.floats / 1000:.0f}k"
+    parts = [f"{count} floats"]
     parts += [
         f"{name} {100 * result.errors[name]:.3g} %" for name in ("env", "irr", "r0.5", "r0.25")
     ]
     parts.append(f"PSNR {result.psnr:.1f} dB")
     if result.flip is not None:
         parts.append(f"FLIP {result.flip:.3f}")
-    return "    ".join(parts)
+    return "   ".join(parts)
 
 
 def _draw_row(
