@@ -3,6 +3,8 @@
 
 An end in which no error lags behind comes before one in which any does, and else the one that is
 lit best: starts were asked for the map as well, and some end with more of it at the cost of light.
+Where the map's error lags in the one that is lit best, steps mend it at such a cost, so the other
+ends come into question as they are.
 """
 
 import itertools
@@ -96,7 +98,8 @@ def best_end(
     reports = itertools.chain([on_step], itertools.repeat(None))
     calls = (partial(reached, *each) for each in zip(seeds, reports, strict=False))
     nearest = sorted(side_by_side(calls, threads), key=lambda each: each.order)
-    best = settled(nearest[0], frame, aim, width_min)
+    mended = settled(nearest[0], frame, aim, width_min)
+    best = min([mended, *nearest[1:]], key=lambda each: each.settled_order)
     if best.behind > 1:
         going = (partial(once_more, end) for end in nearest[:again])
         for other in side_by_side(going, threads):

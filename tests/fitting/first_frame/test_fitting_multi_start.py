@@ -62,6 +62,26 @@ def test_an_end_whose_light_lags_behind_less_comes_before_one_that_is_lit_better
     assert min(near, far, key=lambda each: each.settled_order) is far
 
 
+def test_an_end_that_needs_no_mending_comes_before_one_that_is_mended_at_the_cost_of_light(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seeds, frame, width_min = _starts()
+    lit_best = torch.tensor([1.06, 0.2, 0.2, 0.5, 0.5]), 1.0
+    keeps_to_all = torch.tensor([0.98, 0.3, 0.3, 0.7, 0.7]), 1.1
+    mended = torch.tensor([1.02, 0.5, 0.5, 0.9, 0.9]), 1.5
+    told = iter([lit_best, keeps_to_all, mended])
+    ends: list[multi_start.End] = []
+
+    def ended(seed: Lobes, found: newton.Outcome, *_: object) -> multi_start.End:
+        ends.append(multi_start.End(seed, found, *next(told)))
+        return ends[-1]
+
+    monkeypatch.setattr(multi_start, "ended", ended)
+    found = multi_start.best_end(seeds[:2], _finish(frame, width_min), frame, AHEAD, width_min)
+    assert len(ends) == 3
+    assert found is ends[1].found
+
+
 def test_the_starts_that_came_nearest_go_once_more_with_what_lags_behind_raised() -> None:
     seeds, frame, width_min = _starts()
     asked: list[tuple[Lobes, Tensor | None]] = []
