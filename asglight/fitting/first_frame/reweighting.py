@@ -142,7 +142,8 @@ def reweighted(
 ) -> newton.Outcome:
     """Take steps with the weights of what lags behind raised, while the largest lag goes down.
 
-    What materials show is not brought behind for the map.
+    What materials show is not brought behind for the map, nor paid for it at any price: where the
+    map's error alone lags, J rises by no larger a factor than the lag falls by.
 
     Args:
         found: Lobes that took steps.  F = 1
@@ -155,7 +156,7 @@ def reweighted(
         The lobes, with the value of J by its own weights.
     """
     weights = torch.ones_like(aim) if weights is None else weights
-    lag, factor = lags(found, frame, aim), FACTOR
+    lag, value, factor = lags(found, frame, aim), float(own_value(found, frame)), FACTOR
     for _ in range(ROUNDS):
         if float(lag.max()) <= 1 or factor < FACTOR_LEAST:
             break
@@ -164,10 +165,17 @@ def reweighted(
             found.lobes, with_weights(frame, heavier), STEPS, width_min=width_min
         )
         left = lags(ahead, frame, aim)
-        lit_behind = float(left[1:].max()) > max(1.0, float(lag[1:].max()))
-        if lit_behind or float(left.max()) >= float(lag.max()):
+        lit, lit_ahead = float(lag[1:].max()), float(left[1:].max())
+        fall, value_ahead = float(lag.max() / left.max()), float(own_value(ahead, frame))
+        is_dear = lit <= 1 and value_ahead > fall * value
+        if lit_ahead > max(1.0, lit) or fall <= 1 or is_dear:
             factor = math.sqrt(factor)
         else:
-            found, lag, weights = ahead, left, heavier
-    assert found.shown is not None  # of lobes that took steps
-    return replace(found, value=objective.value(found.shown.radiance, frame))
+            found, lag, weights, value = ahead, left, heavier, value_ahead
+    return replace(found, value=own_value(found, frame))
+
+
+def own_value(found: newton.Outcome, frame: Target) -> Tensor:
+    """Return J of lobes that took steps, by its own weights.  [F]."""
+    assert found.shown is not None
+    return objective.value(found.shown.radiance, frame)

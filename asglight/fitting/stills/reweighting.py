@@ -12,6 +12,7 @@ from asglight.fitting.first_frame.reweighting import (
     ROUNDS,
     STEPS,
     lags_of_each,
+    own_value,
 )
 from asglight.fitting.loss import objective
 from asglight.fitting.steps import newton
@@ -32,7 +33,7 @@ def balanced_each(
     Returns:
         The lobes, with the value of J by its own weights.
     """
-    lag = lags_of_each(found, frames, aims)
+    lag, value = lags_of_each(found, frames, aims), own_value(found, frames)
     weights, factor = torch.ones_like(lag), torch.full_like(lag[:, 0], FACTOR)
     for _ in range(ROUNDS):
         index = torch.nonzero((lag.amax(-1) > 1) & (factor >= FACTOR_LEAST))[:, 0]
@@ -43,11 +44,13 @@ def balanced_each(
         lobes = found.lobes[index]
         ahead = newton.minimise(lobes, with_weights(some, heavier), STEPS, width_min=width_min)
         after = lags_of_each(ahead, some, aims[index])
-        lit_behind = after[:, 1:].amax(-1) > before[:, 1:].amax(-1).clamp(min=1.0)
-        worse = lit_behind | (after.amax(-1) >= before.amax(-1))
+        lit, value_ahead = before[:, 1:].amax(-1), own_value(ahead, some)
+        fall = before.amax(-1) / after.amax(-1)
+        is_dear = (lit <= 1) & (value_ahead > fall * value[index])
+        worse = (after[:, 1:].amax(-1) > lit.clamp(min=1.0)) | (fall <= 1) | is_dear
         factor[index[worse]] = factor[index[worse]].sqrt()
         taken = index[~worse]
         lag[taken], weights[taken] = after[~worse], heavier[~worse]
+        value[taken] = value_ahead[~worse]
         found = put(found, taken, ahead[~worse])
-    assert found.shown is not None  # of lobes that took steps
-    return replace(found, value=objective.value(found.shown.radiance, frames))
+    return replace(found, value=own_value(found, frames))
