@@ -167,8 +167,8 @@ def reweighted(
         left = lags(ahead, frame, aim)
         lit, lit_ahead = float(lag[1:].max()), float(left[1:].max())
         fall, value_ahead = float(lag.max() / left.max()), float(own_value(ahead, frame))
-        is_dear = lit <= 1 and value_ahead > fall * value
-        if lit_ahead > max(1.0, lit) or fall <= 1 or is_dear:
+        costs_more = lit <= 1 and value_ahead > fall * value
+        if lit_ahead > max(1.0, lit) or fall <= 1 or costs_more:
             factor = math.sqrt(factor)
         else:
             found, lag, weights, value = ahead, left, heavier, value_ahead

@@ -46,8 +46,8 @@ def balanced_each(
         after = lags_of_each(ahead, some, aims[index])
         lit, value_ahead = before[:, 1:].amax(-1), own_value(ahead, some)
         fall = before.amax(-1) / after.amax(-1)
-        is_dear = (lit <= 1) & (value_ahead > fall * value[index])
-        worse = (after[:, 1:].amax(-1) > lit.clamp(min=1.0)) | (fall <= 1) | is_dear
+        costs_more = (lit <= 1) & (value_ahead > fall * value[index])
+        worse = (after[:, 1:].amax(-1) > lit.clamp(min=1.0)) | (fall <= 1) | costs_more
         factor[index[worse]] = factor[index[worse]].sqrt()
         taken = index[~worse]
         lag[taken], weights[taken] = after[~worse], heavier[~worse]
