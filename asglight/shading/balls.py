@@ -264,14 +264,17 @@ def _upper(layer: _Layer, size: int, frame: Tensor, flux: Tensor) -> Tensor:
         normals = _normals(points)
         mirrored = 2 * normals[..., 2:] * normals - torch.tensor([0.0, 0.0, 1.0])
         pixel, texel = _pairs(mirrored, covered, coarse, texels[:, 0], layer)
-        # Of each pair only the points that see the texel, few where a pixel mirrors a long strip.
-        seen = (mirrored[pixel] @ texels[texel, 0, :, None])[..., 0] > _cos_reach(layer)
-        pair, point = (seen & covered[pixel]).nonzero(as_tuple=True)
-        steps = texels[texel[pair]]  # [entries, 3, 3]
-        light = steps[:, 0] + (shifts[point, :, None] * steps[:, 1:]).sum(1)
-        values = _slice(normals[pixel[pair], point], light, layer) / len(offsets)
-        kernel = torch.zeros(len(pixel)).index_add_(0, pair, values)
-        result.index_add_(0, start + pixel, kernel[:, None] * flux[texel])
+        of_pixels = texel.split(torch.bincount(pixel, minlength=len(points)).tolist())
+        for k, own in enumerate(of_pixels):
+            steps = texels[own]  # [T, 3, 3]
+            # Of the points only those that see the texel, few where a pixel mirrors a long strip.
+            seen = (steps[:, 0] @ mirrored[k].T > _cos_reach(layer)) & covered[k]  # [T, S]
+            index, point = seen.nonzero(as_tuple=True)
+            light = steps[index]
+            light = light[:, 0] + shifts[point, :1] * light[:, 1] + shifts[point, 1:] * light[:, 2]
+            values = _slice(normals[k, point], light, layer)
+            kernel = torch.zeros(len(own)).index_add_(0, index, values)
+            result[start + k] = kernel @ flux[own] / len(offsets)
     return result
 
 
