@@ -11,6 +11,7 @@ Interop ID that USD knows (`NAMES`).
 
 import difflib
 import functools
+from typing import TYPE_CHECKING
 
 import numpy as np
 import OpenImageIO
@@ -20,6 +21,9 @@ from asglight.errors import InputError
 from asglight.images import colour
 from asglight.images.colour import Chromaticities, ColourSpace
 from asglight.images.message import listing, shown
+
+if TYPE_CHECKING:
+    import PyOpenColorIO
 
 CONFIG = "ocio://studio-config-latest"
 
@@ -164,19 +168,18 @@ def converted(values: np.ndarray, source: str, target: str = REC709) -> np.ndarr
     Returns:
         Numbers of the target.  [H, W, 3] float32
     """
-    buffer = OpenImageIO.ImageBuf(np.ascontiguousarray(values, dtype=np.float32))
-    made = OpenImageIO.ImageBufAlgo.colorconvert(
-        buffer,
-        NAMES.get(source, source),
-        NAMES.get(target, target),
-        unpremult=False,
-        colorconfig=CONFIG,
-        nthreads=1,
-    )
-    assert not made.has_error, made.geterror()
-    pixels = made.get_pixels(OpenImageIO.FLOAT)
-    assert pixels is not None, made.geterror()
-    return pixels
+    found = np.array(values, dtype=np.float32, order="C")
+    _processor(NAMES.get(source, source), NAMES.get(target, target)).applyRGB(found)
+    return found
+
+
+@functools.cache
+def _processor(source: str, target: str) -> "PyOpenColorIO.CPUProcessor":
+    """Return what converts colours; OpenImageIO's `colorconvert` reads the config at each call."""
+    import PyOpenColorIO  # few images need it
+
+    every = PyOpenColorIO.Config.CreateFromBuiltinConfig(CONFIG.removeprefix("ocio://"))
+    return every.getProcessor(source, target).getDefaultCPUProcessor()
 
 
 @functools.cache
