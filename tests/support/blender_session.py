@@ -157,7 +157,6 @@ def fitting() -> dict[str, object]:
     image.projection = "MIRROR_BALL"
     found["ball"] = refused(bpy.ops.asglight.fit_world, stage)
     image.projection = "EQUIRECTANGULAR"
-    found["keys"] = refused(bpy.ops.asglight.fit_world, stage, keys="auto")
     image.image.pack()
     found["packed"] = refused(bpy.ops.asglight.fit_world, stage)
     image.image.unpack(method="REMOVE")
@@ -175,7 +174,7 @@ def fitting() -> dict[str, object]:
     found["changed"] = refused(bpy.ops.asglight.fit_world, stage)
     tree.links.new(image.outputs[0], background.inputs[0])
     found["failed"] = refused(bpy.ops.asglight.fit_world, f"{FOLDER}/no folder/fitted.usda")
-    bpy.ops.asglight.fit_world(filepath=stage)
+    found["fitted"] = refused(bpy.ops.asglight.fit_world, stage, keys="auto")
     rig = next(one for one in scene.objects if one.get("asglight_stage") == stage)
     found["turn"] = math.degrees(rig.rotation_euler.z)
     found["strength"] = rig["asglight_strength"]

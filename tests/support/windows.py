@@ -6,7 +6,9 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
+from unittest import mock
 
+import moderngl
 import numpy as np
 import OpenImageIO
 from imgui_bundle import ImVec2, immapp
@@ -14,6 +16,7 @@ from imgui_bundle.immapp import testing
 
 from asglight.lobes import LobeTracks
 from asglight.viewer import running, window
+from asglight.viewer.gl.reference import reference_pass
 from asglight.viewer.io import screenshot
 from asglight.viewer.reference.images import Reference
 from asglight.viewer.state.edits.edit import scale_amplitude
@@ -24,6 +27,9 @@ from asglight.viewer.state.views import Request
 
 SIZE = (1200, 800)
 
+SAMPLES = 64
+"""Of a pixel that is integrated, where the user's windows take 1024. Noise is looked at where the
+integral is tested, without a window."""
 
 STDERR = 2
 
@@ -41,6 +47,9 @@ class Driven:
         window: The window.
         seconds: What the clock of its state says.
         has_left: Whether the window would have closed.
+        paints: Whether what Dear ImGui draws becomes pixels, which takes the most of a picture and
+            is wanted where a script looks at them (`captured`). The balls and the map are drawn
+            into textures of their own in any case.
     """
 
     def __init__(
@@ -52,15 +61,28 @@ class Driven:
         autosaves: Path | None = None,
     ):
         self.seconds = 0.0
+        self.paints = False
         state = ViewerState(tracks, reference, clock=lambda: self.seconds)
         title = "test" if stage is None else stage.name
         session = Session(state, FixedSource(tracks), title, stage)
         self.window = window.Window(session, opener, autosaves)
         self.has_left = False
         self.window.leave = self._left
+        before_picture, drawn = self.window.before_picture, self.window.drawn
+        self.window.before_picture = lambda: self._before_picture(before_picture)
+        self.window.drawn = lambda: self._drawn(drawn)
 
     def _left(self) -> None:
         self.has_left = True  # the script goes on
+
+    def _before_picture(self, prepare: Callable[[], None]) -> None:
+        self.window.context.disable(moderngl.RASTERIZER_DISCARD)
+        prepare()
+
+    def _drawn(self, draw_screens: Callable[[], None]) -> None:
+        draw_screens()
+        if not self.paints:
+            self.window.context.enable(moderngl.RASTERIZER_DISCARD)
 
     @property
     def state(self) -> ViewerState:
@@ -82,6 +104,16 @@ def map_point(test: Any, u: float, v: float) -> ImVec2:
     """Return the point of the map panel at latlong coordinates."""
     box = test.item_info("Map/##map").rect_full
     return ImVec2(box.min.x + u * (box.max.x - box.min.x), box.min.y + v * (box.max.y - box.min.y))
+
+
+def captured(test: Any, driven: Driven, path: Path) -> np.ndarray:
+    """Return the window as it is seen, in 0 to 1, through a file.  [H, W, 3]."""
+    paints, driven.paints = driven.paints, True
+    testing.capture(test, str(path))
+    driven.paints = paints
+    pixels = OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT)
+    assert pixels is not None
+    return np.asarray(pixels)[..., :3]
 
 
 def rendered(test: Any, driven: Driven, path: Path) -> np.ndarray:
@@ -139,11 +171,12 @@ def drive(tracks: LobeTracks, script: Callable[[Any, Driven], None], **options: 
         script(test, driven)
 
     try:
-        testing.run(
-            test_function=watched,
-            runner_params=params,
-            add_ons_params=immapp.AddOnsParams(with_implot=True),
-        )
+        with mock.patch.object(reference_pass, "TARGET_SAMPLES", SAMPLES):
+            testing.run(
+                test_function=watched,
+                runner_params=params,
+                add_ons_params=immapp.AddOnsParams(with_implot=True),
+            )
     finally:
         take_signals_back()
         driven.window.raise_failure()  # the script fails as well, but this is why

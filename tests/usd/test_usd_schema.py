@@ -9,10 +9,10 @@ import sys
 
 import pytest
 from pxr import Sdf
-from usd_tracks import moving, write_every
+from usd_tracks import moving
 
 from asglight.lobes import Form
-from asglight.usd import SCHEMA_FOLDER, schema
+from asglight.usd import SCHEMA_FOLDER, schema, write_usd
 
 
 def fields(path) -> dict[str, tuple]:
@@ -60,7 +60,7 @@ def test_the_schema_declares_what_the_writer_authors():
 
 def test_usd_knows_the_api_where_the_plugin_path_names_the_schema(tmp_path):
     path = tmp_path / "shot.usda"
-    write_every(moving(range(3)), path, dome_height=2)
+    write_usd(moving(range(3)), path, representations=("distant",))
     code = (
         "from pxr import Usd; import sys; s = Usd.Stage.Open(sys.argv[1]);"
         "lobe = s.GetPrimAtPath('/AsgRig/Lobes/lobe_00');"

@@ -85,16 +85,21 @@ def sky(rows: int) -> Tensor:
 def with_lamps(rows: int, *lamps: Rectangle, rays: int = 8) -> Tensor:
     """Return a sky with rectangles in front of it, each texel the mean along rays through it."""
     inner = (torch.arange(rays, dtype=torch.float64) + 0.5) / rays
-    place = (torch.arange(rows, dtype=torch.float64)[:, None] + inner).flatten() / rows
-    across = (torch.arange(2 * rows, dtype=torch.float64)[:, None] + inner).flatten() / (2 * rows)
-    v, u = torch.meshgrid(place, across, indexing="ij")
-    directions = latlong.direction_from_uv(u, v).numpy()
-    weight = torch.cos(torch.pi * (0.5 - place)).view(rows, rays, 1, 1)
+    centres = latlong.directions(rows, 2 * rows, dtype=torch.float64).numpy()
     found = sky(rows)
     for lamp in lamps:
-        seen = torch.from_numpy(lamp.covers(directions)).double()
-        seen = seen.view(rows, rays, 2 * rows, rays)
-        share = (seen * weight).sum((1, 3)) / (weight.sum(1) * rays).view(rows, 1)
+        # no farther from the lamp's middle than its corners and half of a texel's diagonal
+        reach = np.arccos((lamp.corners() @ lamp.axes[2]).min()) + np.pi / rows
+        row, column = (
+            torch.from_numpy(one)[:, None]
+            for one in np.nonzero(centres @ lamp.axes[2] >= np.cos(reach))
+        )
+        place = (row + inner) / rows
+        u, v = torch.broadcast_tensors(((column + inner) / (2 * rows))[:, None], place[..., None])
+        seen = torch.from_numpy(lamp.covers(latlong.direction_from_uv(u, v).numpy())).double()
+        weight = torch.cos(torch.pi * (0.5 - place))[..., None]
+        share = torch.zeros(rows, 2 * rows, dtype=torch.float64)
+        share[row[:, 0], column[:, 0]] = (seen * weight).sum((1, 2)) / (weight.sum((1, 2)) * rays)
         found = torch.lerp(found, torch.tensor(lamp.radiance), share[..., None].float())
     return found
 

@@ -22,6 +22,9 @@ NODES = 60
 
 DIRECTIONS = fibonacci_directions(60_000, dtype=torch.float64).numpy()
 NORMALS = fibonacci_directions(40, dtype=torch.float64).numpy()
+COSINE = np.maximum(NORMALS @ DIRECTIONS.T, 0) * (4 * math.pi / len(DIRECTIONS))
+GAUSS = np.polynomial.legendre.leggauss(NODES)
+GAUSS_DISC = np.polynomial.legendre.leggauss(40)
 
 Array = NDArray[np.float64]
 
@@ -44,9 +47,8 @@ def irradiance(stage: Usd.Stage, frame: float, rig: str) -> Array:
 
 def irradiance_of_lobes(lobes: Lobes) -> Array:
     """Return the irradiance that lobes give on patches that face the normals.  [P, 3]."""
-    cosine = np.maximum(NORMALS @ DIRECTIONS.T, 0) * (4 * math.pi / len(DIRECTIONS))
     radiance = asg.evaluate(lobes.to(torch.float64), torch.from_numpy(DIRECTIONS))
-    return cosine @ radiance.numpy()
+    return COSINE @ radiance.numpy()
 
 
 def relative_rms(found: Array, wanted: Array) -> float:
@@ -95,7 +97,7 @@ def _card(
     light: UsdLux.RectLight, matrix: Array, origin: Array, frame: float
 ) -> tuple[Array, Array, float]:
     """Return directions to a card, solid angles of its pieces, and its area in the stage."""
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    nodes, weights = GAUSS
     sides = np.array([light.GetWidthAttr().Get(frame), light.GetHeightAttr().Get(frame)])
     along = matrix[:2, :3] * sides[:, None]
     u, v = (one.ravel() / 2 for one in np.meshgrid(nodes, nodes, indexing="ij"))
@@ -113,7 +115,7 @@ def _disc(axis: Array, half: float) -> tuple[Array, Array]:
     z = axis / np.linalg.norm(axis)
     x = np.cross(z, [1.0, 0, 0] if abs(z[0]) < 0.7 else [0, 1.0, 0])
     x /= np.linalg.norm(x)
-    nodes, weights = np.polynomial.legendre.leggauss(40)
+    nodes, weights = GAUSS_DISC
     low = math.cos(half)
     cosine = low + (1 - low) * (nodes + 1) / 2
     turns = 2 * math.pi * (np.arange(64) + 0.5) / 64

@@ -6,15 +6,16 @@ the irradiance on a patch that faces a lobe, by quadrature over the sphere.
 """
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pxr import Usd, UsdLux
-from usd_tracks import moving, write_every
+from usd_tracks import moving
+from written_stages import calm
 
 from asglight.lobes import Form, LobeTracks
+from asglight.usd import write_usd
 
 FRAMES = (1001, 1002, 1003)
 Rgb = NDArray[np.float64]
@@ -79,14 +80,15 @@ def facing_irradiance(tracks: LobeTracks, frame: int) -> Rgb:
     return np.array(result)
 
 
-@pytest.fixture(params=list(Form))
-def shot(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[LobeTracks, Usd.Stage]:
+@pytest.fixture(params=list(Form), scope="module")
+def shot(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[LobeTracks, Usd.Stage]:
     """Return tracks and a stage of them that shows its distant lights."""
-    tracks = moving(FRAMES, form=request.param)
-    write_every(tracks, tmp_path / "shot.usda")
-    stage = Usd.Stage.Open(str(tmp_path / "shot.usda"))
-    stage.GetDefaultPrim().GetVariantSet("representation").SetVariantSelection("distant")
-    return tracks, stage
+    tracks = calm(moving, FRAMES, form=request.param)
+    path = tmp_path_factory.mktemp("engines") / "shot.usda"
+    write_usd(tracks, path, representations=("distant",))
+    return tracks, Usd.Stage.Open(str(path))
 
 
 def lights_of(stage: Usd.Stage, lobe: int) -> list[Usd.Prim]:

@@ -13,10 +13,11 @@ import torch
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 from scipy import integrate, stats
-from usd_tracks import assert_same, edited, of_every_kind, still, write_every
+from usd_tracks import assert_same, edited, of_every_kind, still
+from written_stages import put_every
 
 from asglight.lobes import Form, LobeTracks, asg
-from asglight.usd import lint_stage, read_stage, read_usd, write_edit_layer
+from asglight.usd import lint_stage, read_stage, read_usd, write_edit_layer, write_usd
 from asglight.usd.lights import card_texture, cards
 from asglight.usd.lights.cards import Kind
 from asglight.usd.read.read_options import card_kinds, read_options
@@ -120,6 +121,10 @@ def textured(form: Form = Form.ASG) -> LobeTracks:
     return still(shapes, form=form)
 
 
+def put_cards(tracks: LobeTracks, path: Path, **options: bool) -> None:
+    put_every(tracks, path, representations=("cards",), **options)
+
+
 def light_of(path: Path, prim: Usd.Prim) -> tuple[NDArray, NDArray]:
     """Return what a card sends to the origin: directions, radiance times solid angle."""
     rect = UsdLux.RectLight(prim)
@@ -146,7 +151,7 @@ def light_of(path: Path, prim: Usd.Prim) -> tuple[NDArray, NDArray]:
 @pytest.mark.parametrize("form", Form)
 def test_a_card_of_the_stage_has_the_flux_and_the_spread_of_its_lobe(form, tmp_path):
     path, tracks = tmp_path / "shot.usda", textured(form)
-    write_every(tracks, path, dome_height=2, card_texture=True)
+    put_cards(tracks, path, card_texture=True)
     stage = Usd.Stage.Open(str(path))
     lobes = tracks.lobes[0].to(torch.float64)
     zeroth, _, second = asg.moments(lobes)
@@ -166,7 +171,7 @@ def test_a_card_of_the_stage_has_the_flux_and_the_spread_of_its_lobe(form, tmp_p
 def test_a_card_shows_the_lobe_itself(tmp_path):
     """Texel for texel, on the scale of the peak; a uniform card is half of it in the middle."""
     path, tracks = tmp_path / "shot.usda", textured()
-    write_every(tracks, path, dome_height=2, card_texture=True)
+    put_cards(tracks, path, card_texture=True)
     stage = Usd.Stage.Open(str(path))
     # What ends at the sides makes the rest 2 % lower and wider; a lobe of 6 degrees is no longer
     # the Gaussian of a plane.
@@ -181,11 +186,12 @@ def test_a_card_shows_the_lobe_itself(tmp_path):
         np.testing.assert_allclose(radiance, wanted, atol=bound * wanted.max())
 
 
-@pytest.mark.parametrize("suffix", ["usda", "usdz"])
-@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize(
+    ("form", "suffix"), [*((form, "usda") for form in Form), (Form.ASG, "usdz")]
+)
 def test_a_stage_with_the_texture_comes_back(form, suffix, tmp_path):
     path, tracks = tmp_path / f"shot.{suffix}", of_every_kind((1001, 1002, 1003), form)
-    report = write_every(tracks, path, dome_height=4, card_texture=True)
+    report = write_usd(tracks, path, card_texture=True)
     assert lint_stage(path) == []
     reading = read_stage(path)
     assert reading.changes == ()
@@ -202,18 +208,16 @@ def test_a_stage_with_the_texture_comes_back(form, suffix, tmp_path):
 
 def test_without_a_narrow_lobe_or_the_option_there_is_no_texture(tmp_path):
     broad = of_every_kind((1, 2, 3)).lobes.select(torch.tensor([0, 1]))
-    report = write_every(
-        LobeTracks((1, 2, 3), 24.0, broad), tmp_path / "a.usda", dome_height=2, card_texture=True
-    )
-    report_plain = write_every(textured(), tmp_path / "b.usda", dome_height=2)
+    report = write_usd(LobeTracks((1, 2, 3), 24.0, broad), tmp_path / "a.usda", card_texture=True)
+    report_plain = write_usd(textured(), tmp_path / "b.usda")
     assert not [file for file in (*report.files, *report_plain.files) if "card" in file.name]
     assert read_options(tmp_path / "a.usda").card_texture  # was asked for, and is so of a rewrite
 
 
 def test_a_card_that_was_widened_is_a_broader_lobe(tmp_path):
     path = tmp_path / "shot.usda"
-    write_every(textured(), path, dome_height=2, card_texture=True)
-    card = "/AsgRig{representation=cards}Lobes/lobe_01"
+    put_cards(textured(), path, card_texture=True)
+    card = "/AsgRig/Lobes/lobe_01"
 
     def widen(layer: Sdf.Layer) -> None:
         for name in ("width", "height"):
@@ -226,7 +230,7 @@ def test_a_card_that_was_widened_is_a_broader_lobe(tmp_path):
 
 def test_the_lint_finds_a_texture_of_another_mean(tmp_path):
     path = tmp_path / "shot.usda"
-    write_every(textured(), path, dome_height=2, card_texture=True)
+    put_every(textured(), path, dome_height=2, card_texture=True)
     target = tmp_path / "shot_dome" / "shot.card.exr"
     pixels = np.full((4, 4, 3), 1.5, dtype=np.float32)
     OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": pixels}).write(str(target))
@@ -239,7 +243,7 @@ def test_the_lint_finds_a_texture_of_another_mean(tmp_path):
 
 def test_the_lint_finds_a_texture_that_changes(tmp_path):
     path = tmp_path / "shot.usda"
-    write_every(textured(), path, dome_height=2, card_texture=True)
+    put_every(textured(), path, dome_height=2, card_texture=True)
     card = "/AsgRig{representation=cards}Lobes/lobe_00.inputs:texture:file"
     image = Sdf.AssetPath("./shot_dome/shot.card.exr")
     change = edited(path, lambda layer: layer.SetTimeSample(card, 1001, image))
@@ -248,14 +252,14 @@ def test_the_lint_finds_a_texture_that_changes(tmp_path):
 
 def test_a_layer_of_edits_keeps_the_texture(tmp_path):
     """The edited lobe's card is as if the edit had been written, and has the stage's own image."""
-    write_every(of_every_kind((1, 2, 3)), tmp_path / "a.usda", dome_height=2, card_texture=True)
+    write_usd(of_every_kind((1, 2, 3)), tmp_path / "a.usda", card_texture=True)
     tracks = read_usd(tmp_path / "a.usda")
     lobes = tracks.lobes.clone()
     lobes.sharpness[:, 2] *= torch.tensor([0.5, 2.0])
     lobes.amplitude[:, 2] *= 3
     after = replace(tracks, lobes=lobes)
     write_edit_layer(tmp_path / "edit.usda", tmp_path / "a.usda", after, [2])
-    write_every(after, tmp_path / "direct.usda", dome_height=2, card_texture=True)
+    write_usd(after, tmp_path / "direct.usda", card_texture=True)
     assert lint_stage(tmp_path / "edit.usda") == []
     reading = read_stage(tmp_path / "edit.usda")
     assert reading.changes == ()

@@ -7,17 +7,15 @@ import numpy as np
 import pytest
 import torch
 from pxr import Usd, UsdGeom, UsdLux
-from usd_tracks import moving, write_every
+from usd_tracks import moving
 
 from asglight.lobes import Form
-from asglight.usd import lint_stage, read_usd, write_edit_layer
+from asglight.usd import lint_stage, read_usd, write_edit_layer, write_usd
 
 
 def distants(path) -> dict[str, tuple]:
     """Return direction, angle and colour of every distant light at the frames 1 and 3."""
     stage = Usd.Stage.Open(str(path))
-    stage.SetEditTarget(stage.GetSessionLayer())
-    stage.GetDefaultPrim().GetVariantSet("representation").SetVariantSelection("distant")
     found = {}
     for prim in stage.Traverse():
         if prim.GetTypeName() == "DistantLight":
@@ -34,14 +32,15 @@ def distants(path) -> dict[str, tuple]:
 
 @pytest.mark.parametrize("form", [Form.ASG, Form.BINGHAM])
 def test_three_distant_lights_follow_an_edit(form, tmp_path):
-    write_every(moving((1, 2, 3), form=form), tmp_path / "a.usda", dome_height=2, distant_lights=3)
+    chosen = {"representations": ("distant",), "distant_lights": 3}
+    write_usd(moving((1, 2, 3), form=form), tmp_path / "a.usda", **chosen)
     tracks = read_usd(tmp_path / "a.usda")
     lobes = tracks.lobes.clone()
     lobes.sharpness[:, 1] *= torch.tensor([0.5, 3.0])
     lobes.amplitude[:, 1] *= 2
     after = replace(tracks, lobes=lobes)
     write_edit_layer(tmp_path / "edit.usda", tmp_path / "a.usda", after, [1])
-    write_every(after, tmp_path / "direct.usda", dome_height=2, distant_lights=3)
+    write_usd(after, tmp_path / "direct.usda", **chosen)
     assert lint_stage(tmp_path / "edit.usda") == []
     found, wanted = distants(tmp_path / "edit.usda"), distants(tmp_path / "direct.usda")
     assert len(found) == 2 * 3 * 3 * (2 if form is Form.BINGHAM else 1)

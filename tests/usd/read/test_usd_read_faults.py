@@ -9,7 +9,7 @@ from pxr import Gf, Sdf, Usd
 from usd_tracks import edited, moving, write_every
 
 from asglight.errors import InputError
-from asglight.usd import read_usd
+from asglight.usd import read_usd, write_usd
 
 LOBE = "/AsgRig/Lobes/lobe_01"
 
@@ -47,7 +47,7 @@ def test_a_file_that_is_not_usd_is_named(name, data, tmp_path):
 
 def test_a_truncated_crate_is_named(tmp_path):
     path = tmp_path / "shot.usdc"
-    write_every(moving(range(30)), path, dome_height=2)
+    write_usd(moving(range(10)), path, representations=("distant",))
     path.write_bytes(path.read_bytes()[:-2000])
     assert "not readable as USD" in refused(path)
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
-from usd_tracks import moving, write_every
+from usd_tracks import moving
 
 from asglight.cli.main import main
 from asglight.errors import InputError
-from asglight.usd import lint_stage, read_usd, schema
+from asglight.usd import lint_stage, read_usd, schema, write_usd
 from asglight.usd.check import references, trust
 from asglight.usd.options import DOME_HEIGHT
 from asglight.usd.read.read_options import read_options
@@ -30,7 +30,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a text, a binary and a packaged stage, elsewhere."""
     folder = tmp_path_factory.mktemp("library")
     for suffix in ("usda", "usdc", "usdz"):
-        write_every(moving([1, 2]), folder / f"shot.{suffix}", dome_height=2)
+        write_usd(moving([1, 2]), folder / f"shot.{suffix}", representations=("distant",))
     return folder
 
 
@@ -108,9 +108,9 @@ def test_a_layer_of_a_layer_is_looked_at_too(tmp_path: Path, library: Path) -> N
         open_stage(path)
 
 
-def test_layers_in_the_folder_are_followed(tmp_path: Path) -> None:
+def test_layers_in_the_folder_are_followed(tmp_path: Path, library: Path) -> None:
     (tmp_path / "below").mkdir()
-    write_every(moving([1, 2]), tmp_path / "below" / "shot.usdc", dome_height=2)
+    shutil.copy(library / "shot.usdc", tmp_path / "below")
     path = layer_with(tmp_path / "a.usda", reference, "./below/shot.usdc")
     assert len(open_stage(path).GetPrimAtPath("/Set/Lobes").GetChildren()) == 3
 
@@ -175,7 +175,7 @@ def test_the_option_follows(
 def test_an_image_outside_the_folder_is_not_opened(tmp_path: Path) -> None:
     path = tmp_path / "shot" / "shot.usda"
     path.parent.mkdir()
-    write_every(moving([1, 2]), path, dome_height=4)
+    write_usd(moving([1, 2]), path, representations=("dome",), dome_height=4)
     outside = tmp_path / "images"
     shutil.copytree(path.parent / "shot_dome", outside)
     path.write_text(path.read_text().replace("./shot_dome", "../images"))
@@ -184,53 +184,51 @@ def test_an_image_outside_the_folder_is_not_opened(tmp_path: Path) -> None:
     assert read_options(path).dome_height == 4
 
 
-def test_a_light_that_is_not_finite_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.usda"
-    write_every(moving([1, 2]), path, representation="distant", dome_height=2)
-    stage = Usd.Stage.Open(str(path))
-    light = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00").GetAttribute("inputs:intensity")
-    light.Set(math.inf, 1)
-    light.Set(math.inf, 2)
-    stage.Save()
-    with pytest.raises(InputError, match=r"the light of lobe_00 is not finite at frame 1; exp"):
-        read_usd(path)
-
-
-def edited_stage(path: Path, light_edit: object) -> Path:
-    write_every(moving([1, 2]), path, representation="distant", dome_height=2)
+def edited_stage(path: Path, library: Path, light_edit: object) -> Path:
+    shutil.copy(library / "shot.usda", path)
     stage = Usd.Stage.Open(str(path))
     light_edit(stage.GetPrimAtPath("/AsgRig"), stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00"))
     stage.Save()
     return path
 
 
-def test_a_light_whose_size_is_not_finite_is_refused(tmp_path: Path) -> None:
+def test_a_light_that_is_not_finite_is_refused(tmp_path: Path, library: Path) -> None:
+    def edit(rig: Usd.Prim, lobe: Usd.Prim) -> None:
+        lobe.GetAttribute("inputs:intensity").Set(math.inf, 1)
+        lobe.GetAttribute("inputs:intensity").Set(math.inf, 2)
+
+    path = edited_stage(tmp_path / "a.usda", library, edit)
+    with pytest.raises(InputError, match=r"the light of lobe_00 is not finite at frame 1; exp"):
+        read_usd(path)
+
+
+def test_a_light_whose_size_is_not_finite_is_refused(tmp_path: Path, library: Path) -> None:
     def edit(rig: Usd.Prim, lobe: Usd.Prim) -> None:
         lobe.GetAttribute(schema.ANGLE).Set(math.inf)
         lobe.GetAttribute(schema.ANGLE).Set(math.inf, 1)
 
-    path = edited_stage(tmp_path / "a.usda", edit)
+    path = edited_stage(tmp_path / "a.usda", library, edit)
     with pytest.raises(InputError, match=r"lobe_00\S* has a size that is not finite"):
         read_usd(path)
 
 
-def test_a_light_that_is_turned_by_no_rotation_is_refused(tmp_path: Path) -> None:
+def test_a_light_that_is_turned_by_no_rotation_is_refused(tmp_path: Path, library: Path) -> None:
     def edit(rig: Usd.Prim, lobe: Usd.Prim) -> None:
         UsdGeom.Xformable(lobe).AddTransformOp(opSuffix="odd").Set(Gf.Matrix4d(math.nan))
 
-    path = edited_stage(tmp_path / "a.usda", edit)
+    path = edited_stage(tmp_path / "a.usda", library, edit)
     with pytest.raises(InputError, match=r"lobe_00\S* is turned by no rotation at frame 1"):
         read_usd(path)
 
 
 @pytest.mark.parametrize("distance", ["far", -3.0, math.inf])
 def test_a_distance_of_cards_that_is_none_counts_as_the_usual(
-    tmp_path: Path, distance: object
+    tmp_path: Path, library: Path, distance: object
 ) -> None:
     def edit(rig: Usd.Prim, lobe: Usd.Prim) -> None:
         rig.SetCustomDataByKey(f"{schema.CUSTOM_DATA}:{schema.DISTANCE}", distance)
 
-    path = edited_stage(tmp_path / "a.usda", edit)
+    path = edited_stage(tmp_path / "a.usda", library, edit)
     assert read_options(path).distance == 1000.0
     assert read_usd(path).lobes.count == 3
 

@@ -14,11 +14,13 @@ from pxr import Sdf, Usd
 from usd_tracks import METADATA, assert_same, edited, moving, still, write_every
 
 from asglight.lobes import Form, LobeTracks
-from asglight.usd import read_stage, read_usd
+from asglight.usd import read_stage, read_usd, write_usd
 
 
-@pytest.mark.parametrize("form", Form)
-@pytest.mark.parametrize("extension", ["usda", "usdc", "usd"])
+@pytest.mark.parametrize(
+    ("form", "extension"),
+    [(Form.ASG, "usda"), (Form.BINGHAM, "usdc"), (Form.SG, "usd"), (Form.FLAT, "usdc")],
+)
 def test_moving_tracks_come_back(form, extension, tmp_path):
     tracks = moving(range(1001, 1033), form=form)
     path = tmp_path / f"shot.{extension}"
@@ -29,7 +31,7 @@ def test_moving_tracks_come_back(form, extension, tmp_path):
 @pytest.mark.parametrize("form", Form)
 def test_noisy_tracks_come_back(form, tmp_path):
     tracks = moving(range(7), form=form, jitter=0.5)
-    write_every(tracks, tmp_path / "shot.usdc", dome_height=2)
+    write_usd(tracks, tmp_path / "shot.usdc", representations=("cards",))
     assert_same(read_usd(tmp_path / "shot.usdc"), tracks)
 
 
@@ -39,7 +41,7 @@ def test_light_without_digits_reads_as_no_edit(representation, tmp_path):
     brightness = torch.tensor([1e-38, 1e-41, 5e-44])[:, None]  # float32 ends at 1.4e-45
     amplitude = tracks.lobes.amplitude / tracks.lobes.amplitude.amax(-1, keepdim=True) * brightness
     tracks = replace(tracks, lobes=replace(tracks.lobes, amplitude=amplitude))
-    write_every(tracks, tmp_path / "shot.usda", dome_height=2, representation=representation)
+    write_usd(tracks, tmp_path / "shot.usda", representations=(representation,))
     reading = read_stage(tmp_path / "shot.usda")
     assert reading.changes == ()
     assert bool((reading.tracks.lobes.amplitude == amplitude).all())
@@ -61,27 +63,27 @@ def test_any_frames_and_rate_come_back(frames, fps, tmp_path_factory):
     moved = moving(frames)
     tracks = LobeTracks(moved.frames, fps, moved.lobes, {})
     path = tmp_path_factory.mktemp("frames") / "shot.usda"
-    write_every(tracks, path, dome_height=2)
+    write_usd(tracks, path, representations=("distant", "dome"), dome_height=2)
     assert_same(read_usd(path), tracks)
 
 
 def test_frames_without_a_gap_are_not_listed(tmp_path):
-    write_every(moving(range(1001, 1005)), tmp_path / "whole.usda", dome_height=2)
-    write_every(moving([1001, 1003, 1005]), tmp_path / "step.usda", dome_height=2)
+    for name, frames in (("whole", range(1001, 1005)), ("step", [1001, 1003, 1005])):
+        write_usd(moving(frames), tmp_path / f"{name}.usda", representations=("distant",))
     assert "frames = " not in (tmp_path / "whole.usda").read_text()
     assert "int[] frames = [1001, 1003, 1005]" in (tmp_path / "step.usda").read_text()
 
 
 def test_a_shortened_range_leaves_the_listed_frames_within_it(tmp_path):
     path = tmp_path / "shot.usda"
-    write_every(moving([1001, 1003, 1005, 1007]), path, dome_height=2)
+    write_usd(moving([1001, 1003, 1005, 1007]), path, representations=("distant",))
     edited(path, lambda layer: setattr(layer, "endTimeCode", 1005))
     assert read_usd(path).frames == (1001, 1003, 1005)
 
 
 def test_metadata_is_json_on_the_rig(tmp_path):
     path = tmp_path / "shot.usda"
-    write_every(moving(range(3)), path, dome_height=2)
+    write_usd(moving(range(3)), path, representations=("distant",))
     stage = Usd.Stage.Open(str(path))
     data = stage.GetDefaultPrim().GetCustomDataByKey("asglight")
     assert json.loads(data["metadata"]) == METADATA
@@ -90,7 +92,7 @@ def test_metadata_is_json_on_the_rig(tmp_path):
 def test_a_lobe_that_was_switched_off_is_not_read(tmp_path):
     path = tmp_path / "shot.usda"
     tracks = moving(range(3))
-    write_every(tracks, path, dome_height=2)
+    write_usd(tracks, path, representations=("cards",))
 
     def switch_off(layer: Sdf.Layer) -> None:
         layer.GetPrimAtPath("/AsgRig/Lobes/lobe_01").active = False
@@ -112,15 +114,15 @@ def test_an_override_in_a_stronger_layer_is_read(tmp_path):
 
 def test_a_file_rewritten_while_a_stage_holds_it_is_read_anew(tmp_path):
     path = tmp_path / "shot.usdc"
-    write_every(moving(range(5)), path, dome_height=2)
+    write_usd(moving(range(5)), path, representations=("distant",))
     held = Usd.Stage.Open(str(path))
     tracks = moving(range(10, 14), seed=1)
-    write_every(tracks, path, dome_height=2)
+    write_usd(tracks, path, representations=("distant",))
     assert_same(read_usd(path), tracks)
     assert held.GetDefaultPrim()
 
 
 def test_lobes_beyond_a_hundred_keep_their_order(tmp_path):
-    tracks = moving(range(2), lobes=101)
-    write_every(tracks, tmp_path / "shot.usda", dome_height=2)
+    tracks = moving([1], lobes=101)
+    write_usd(tracks, tmp_path / "shot.usda", representations=("distant",))
     assert_same(read_usd(tmp_path / "shot.usda"), tracks)

@@ -112,8 +112,8 @@ def first_table(text: str) -> dict[str, dict[str, list[float]]]:
 
 @pytest.fixture
 def few_points(monkeypatch):
-    """Ten points a ball in place of a hundred: the errors are means over fewer."""
-    monkeypatch.setattr(representations, "POINTS", 10)
+    """Five points a ball in place of a hundred: the errors are means over fewer."""
+    monkeypatch.setattr(representations, "POINTS", 5)
 
 
 @pytest.mark.usefixtures("few_points")
@@ -139,7 +139,7 @@ def test_a_map_is_fitted_and_measured_in_every_way(tmp_path, capsys):
 @pytest.mark.usefixtures("few_points")
 def test_a_stage_is_measured_in_its_first_middle_and_last_frame(tmp_path, capsys):
     stage = tmp_path / "shot.usda"
-    write_every(moving(range(1, 6)), stage)
+    write_every(moving(range(1, 6)), stage, dome_height=16)
     representations.main(["--stages", str(stage)])
     table = first_table(capsys.readouterr().out)
     assert list(table) == ["shot 1", "shot 3", "shot 5", "**mean**", "**worst**"]

@@ -30,7 +30,7 @@ def shown(path: Path, representation: Representation) -> dict[str, tuple]:
     stage.SetEditTarget(stage.GetSessionLayer())
     rig = stage.GetDefaultPrim()
     rig.GetVariantSet("representation").SetVariantSelection(str(representation))
-    codes = [Usd.TimeCode.Default(), *map(Usd.TimeCode, read_usd(path).frames)]
+    codes = [Usd.TimeCode.Default(), *map(Usd.TimeCode, FRAMES)]
     found: dict[str, tuple] = {str(p.GetPath()): (p.GetTypeName(),) for p in Usd.PrimRange(rig)}
     for prim in Usd.PrimRange(rig):
         for attribute in prim.GetAuthoredAttributes():
@@ -74,18 +74,26 @@ def assert_shows_what_writing_shows(path: Path, tracks: LobeTracks, height: int 
     assert "endTimeCode" in metadata[1]
 
 
-@pytest.mark.parametrize("lobe", range(3), ids=["fill", "soft", "single"])
+FILL, SOFT, SINGLE = range(3)
+
+
 @pytest.mark.parametrize(
-    ("form", "frames", "extension"),
-    [(form, slice(None), "usda") for form in Form]
-    + [(form, slice(2, 3), "usdc") for form in (Form.ASG, Form.BINGHAM)],
+    ("form", "lobes", "frames", "extension"),
+    [(form, (FILL, SOFT, SINGLE), slice(None), "usda") for form in Form]
+    + [
+        (Form.ASG, (FILL,), slice(None), "usdc"),
+        (Form.ASG, (SOFT,), slice(2, 3), "usdc"),
+        (Form.BINGHAM, (SINGLE,), slice(2, 3), "usdc"),
+    ],
 )
-def test_the_layer_shows_what_writing_the_edit_shows(form, frames, extension, lobe, tmp_path):
+def test_the_layer_shows_what_writing_the_edit_shows(form, lobes, frames, extension, tmp_path):
     path, tracks = fit(tmp_path, form)
     before = contents(tmp_path)
-    after = changed(tracks, lobe, frames, "turn", "brighten", "sharpen")
+    after = tracks
+    for lobe in lobes:
+        after = changed(after, lobe, frames, "turn", "brighten", "sharpen")
     target = tmp_path / f"edit.{extension}"
-    report = write_edit_layer(target, path, after, [lobe])
+    report = write_edit_layer(target, path, after, lobes)
     assert lint_stage(target) == []
     assert {name: contents(tmp_path)[name] for name in before} == before
     assert set(report.files) == {tmp_path / n for n in contents(tmp_path).keys() - before.keys()}

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 from pxr import Usd, UsdGeom
-from usd_tracks import contents, moving, still, write_every
+from usd_tracks import contents, moving, still
+from written_stages import calm, put_every, selected
 
 from asglight.images import read_latlong
 from asglight.lobes import Form, Lobes, LobeTracks, asg, frames
@@ -22,7 +23,7 @@ ROUNDING = 3e-6
 
 def stage_of(folder: Path, representations: tuple[str, ...] = EVERY) -> Path:
     path = folder / "shot.usda"
-    write_usd(moving((1, 2, 4)), path, representations=representations, dome_height=16)
+    put_every(calm(moving, (1, 2, 4)), path, representations=representations, dome_height=16)
     return path
 
 
@@ -108,21 +109,34 @@ def test_a_deleted_lobe_is_gone_and_the_others_keep_their_names(tmp_path: Path) 
     assert not opened.GetPrimAtPath("/AsgRig/Lobes/lobe_01").IsActive()
 
 
-@pytest.mark.parametrize("form", Form)
-@pytest.mark.parametrize("representations", [EVERY, ("cards",), ("distant",), ("dome",)])
+@pytest.mark.parametrize(
+    ("representations", "form"),
+    [
+        *((EVERY, form) for form in Form),
+        (("cards",), Form.BINGHAM),
+        (("distant",), Form.FLAT),
+        (("dome",), Form.SG),
+    ],
+)
 def test_an_added_lobe_has_its_lights_in_every_representation(
     tmp_path: Path, representations: tuple[str, ...], form: Form
 ) -> None:
     stage = tmp_path / "shot.usda"
-    write_usd(moving((1, 2, 4), form=form), stage, representations=representations, dome_height=16)
+    write_usd(
+        calm(moving, (1, 2, 4), form=form), stage, representations=representations, dome_height=16
+    )
     wanted = with_one_more(read_usd(stage))
     layer = tmp_path / "edit.usda"
     write_edit_layer(layer, stage, wanted, (3,))
     assert lint_stage(layer) == []
-    reading = read_stage(layer)
-    assert reading.changes == ()  # its lights are those that asglight would author
-    assert reading.tracks.names == wanted.names
-    assert_same_light(reading.tracks, wanted)
+    opened = [layer]
+    if representations == EVERY:
+        opened = [selected(layer, representation) for representation in EVERY]
+    for one in opened:
+        reading = read_stage(one)
+        assert reading.changes == ()  # its lights are those that asglight would author
+        assert reading.tracks.names == wanted.names
+        assert_same_light(reading.tracks, wanted)
 
 
 @pytest.mark.parametrize("has_fill", [True, False])
@@ -130,7 +144,7 @@ def test_a_broad_lobe_that_is_added_joins_the_fill_where_there_is_one(
     tmp_path: Path, has_fill: bool
 ) -> None:
     stage = tmp_path / "shot.usda"
-    tracks = moving((1, 2))
+    tracks = calm(moving, (1, 2))
     tracks.lobes.sharpness[:] = 80.0
     if has_fill:
         tracks.lobes.sharpness[:, 0] = 0.5
@@ -208,7 +222,7 @@ def test_lobes_muted_elsewhere_stay_muted_when_another_is_edited(tmp_path: Path)
 def test_what_was_the_width_remains_the_width_however_wide_it_becomes(
     tmp_path: Path, up_axis: str
 ) -> None:
-    write_every(still(), tmp_path / "shot.usda", up_axis=up_axis)
+    write_usd(still(), tmp_path / "shot.usda", up_axis=up_axis, representations=("cards",))
     tracks = read_usd(tmp_path / "shot.usda")
     lobes = tracks.lobes.clone()
     lobes.sharpness[:, 1] *= torch.tensor([0.1, 10.0])

@@ -28,10 +28,14 @@ TURN = torch.tensor([[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 SPACES = [
     {},
-    {"lights": KeyLights.DISTANT},
-    {"up_axis": "Z", "meters_per_unit": 0.01, "colorspace": "ACEScg"},
-    {"representations": ("cards", "keys")},
-    {"representations": ("keys", "cards"), "texture": True},
+    {"lights": KeyLights.DISTANT, "representations": ("cards", "keys")},
+    {
+        "up_axis": "Z",
+        "meters_per_unit": 0.01,
+        "colorspace": "ACEScg",
+        "representations": ("keys", "cards"),
+        "texture": True,
+    },
 ]
 
 
@@ -95,7 +99,7 @@ def test_what_the_layer_changes_of_the_light_is_the_edit_and_nothing_else(tmp_pa
     assert prims == {"/AsgRig", "/AsgRig/Keys", str(read_path(stage))}
 
 
-@pytest.mark.parametrize("options", [{}, {"lights": KeyLights.DISTANT}])
+@pytest.mark.parametrize("options", SPACES[:2], ids=["cards", "distant"])
 def test_what_was_the_width_of_a_key_remains_it_however_wide_it_becomes(
     tmp_path: Path, options: dict
 ) -> None:

@@ -8,7 +8,7 @@ import pytest
 import torch
 from bench_scripts import module
 from key_cases import corner_error, with_lamps
-from keyed_stages import FRAMES, ROWS, images, lamp_at, tracks_of, write
+from keyed_stages import ROWS, images, lamp_at, tracks_of, write
 from pxr import Usd, UsdGeom, UsdLux, UsdValidation
 
 from asglight.errors import InputError
@@ -21,6 +21,9 @@ from asglight.usd.read.keys import read_keys
 
 judge = module("keyed.seen")
 rows = module("keyed.rows")
+
+FRAMES = (1003, 1004, 1005)
+"""Before, at and behind the seam."""
 
 
 def opened(path: Path) -> Usd.Stage:
@@ -37,8 +40,8 @@ def light_types(stage: Usd.Stage) -> dict[str, str]:
 
 @pytest.mark.parametrize(("extension", "texture"), [("usda", True), ("usdc", False)])
 def test_lights_and_rest_are_the_image(tmp_path: Path, extension: str, texture: bool) -> None:
-    truth = images(tmp_path)
-    write(tmp_path, f"shot.{extension}", texture=texture)
+    truth = images(tmp_path, FRAMES)
+    write(tmp_path, f"shot.{extension}", FRAMES, texture=texture)
     stage = opened(tmp_path / f"shot.{extension}")
     [key] = stage.GetPrimAtPath("/AsgRig/Keys").GetChildren()
     assert light_types(stage) == {str(key.GetPath()): "RectLight", "/AsgRig/Rest": "DomeLight"}
@@ -53,9 +56,9 @@ def test_lights_and_rest_are_the_image(tmp_path: Path, extension: str, texture: 
 
 
 def test_the_key_is_the_lamp_in_every_frame_and_one_track(tmp_path: Path) -> None:
-    images(tmp_path)
-    write(tmp_path)
-    stage = opened(tmp_path / "shot.usda")
+    images(tmp_path, FRAMES)
+    write(tmp_path, "shot.usdc", FRAMES, texture=False)
+    stage = opened(tmp_path / "shot.usdc")
     [prim] = stage.GetPrimAtPath("/AsgRig/Keys").GetChildren()
     for frame in FRAMES:
         rect = UsdLux.RectLight(prim)
@@ -71,9 +74,8 @@ def test_the_key_is_the_lamp_in_every_frame_and_one_track(tmp_path: Path) -> Non
 def test_validators_and_the_own_lint_are_content(tmp_path: Path) -> None:
     images(tmp_path, FRAMES[:2])
     options = [
-        {"representations": ("keys", "cards", "distant")},
-        {"lights": KeyLights.DISTANT},
-        {"texture": True, "up_axis": "Z", "meters_per_unit": 0.01},
+        {"representations": ("keys", "cards", "distant"), "texture": True},
+        {"lights": KeyLights.DISTANT, "up_axis": "Z", "meters_per_unit": 0.01},
     ]
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     for index, chosen in enumerate(options):
@@ -127,8 +129,8 @@ def test_a_package_holds_the_rest_and_the_textures(tmp_path: Path) -> None:
 
 
 def test_keys_come_back_and_so_do_lobes_and_what_is_told_of_them(tmp_path: Path) -> None:
-    images(tmp_path)
-    write(tmp_path, representations=("cards", "keys"))
+    images(tmp_path, FRAMES)
+    write(tmp_path, frames=FRAMES, representations=("cards", "keys"))
     keys = read_keys(tmp_path / "shot.usda")
     assert keys is not None
     assert keys.tracks is not None
@@ -146,10 +148,10 @@ def test_keys_come_back_and_so_do_lobes_and_what_is_told_of_them(tmp_path: Path)
 
 
 def test_a_key_dimmed_warmed_and_moved_elsewhere_is_read_so(tmp_path: Path) -> None:
-    images(tmp_path)
-    write(tmp_path)
-    before = read_keys(tmp_path / "shot.usda")
-    stage = opened(tmp_path / "shot.usda")
+    images(tmp_path, FRAMES)
+    write(tmp_path, "shot.usdc", FRAMES, texture=False)
+    before = read_keys(tmp_path / "shot.usdc")
+    stage = opened(tmp_path / "shot.usdc")
     [prim] = stage.GetPrimAtPath("/AsgRig/Keys").GetChildren()
     light = UsdLux.LightAPI(prim)
     light.GetExposureAttr().Set(-1.0)
@@ -211,10 +213,11 @@ def test_a_sky_without_lamps_is_all_rest(tmp_path: Path) -> None:
 
 
 def test_the_rest_far_from_lamps_is_the_image_to_the_bit(tmp_path: Path) -> None:
-    truth = images(tmp_path, half=True)
-    write(tmp_path)
+    frames = FRAMES[:2]
+    truth = images(tmp_path, frames, half=True)
+    write(tmp_path, frames=frames)
     stage = opened(tmp_path / "shot.usda")
-    for frame in FRAMES:
+    for frame in frames:
         rest = read_latlong(judge.rest_image(stage, frame)).radiance
         far = torch.from_numpy(~(lamp_grid() @ lamp_at(frame).axes[2] > np.cos(np.radians(30))))
         assert torch.equal(rest[far], truth[frame][far])
@@ -225,7 +228,7 @@ def lamp_grid() -> np.ndarray:
 
 
 def test_a_stage_without_keys_has_none(tmp_path: Path) -> None:
-    write_usd(tracks_of(), tmp_path / "plain.usda")
+    write_usd(tracks_of(), tmp_path / "plain.usda", representations=("distant",))
     assert read_keys(tmp_path / "plain.usda") is None
     assert "keys" not in read_stage(tmp_path / "plain.usda").tracks.metadata
 

@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 import torch
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdUtils, UsdValidation
-from usd_tracks import assert_same, contents, edited, moving, of_every_kind, still, write_every
+from usd_tracks import (
+    assert_same,
+    beginning,
+    contents,
+    edited,
+    moving,
+    of_every_kind,
+    still,
+    write_every,
+)
+from written_stages import calm, put_every
 
 from asglight.errors import InputError
 from asglight.images import read_latlong
@@ -20,6 +30,7 @@ from asglight.usd import (
     lint_stage,
     read_usd,
     write_edit_layer,
+    write_usd,
 )
 from asglight.usd.options import OF_LOBES
 from asglight.usd.read.read_options import read_options
@@ -64,10 +75,10 @@ def irradiance(path: Path, normal: Gf.Vec3d) -> np.ndarray:
     return total
 
 
-@pytest.mark.parametrize("extension", ["usda", "usdc", "usd", "usdz"])
+@pytest.mark.parametrize("extension", ["usda", "usdc", "usdz"])
 def test_a_stage_with_every_option_comes_back_and_validates(extension, tmp_path):
     path = tmp_path / f"shot.{extension}"
-    tracks = moving(FRAMES)
+    tracks = calm(moving, FRAMES)
     write_every(tracks, path, **EVERYTHING)
     assert_same(read_usd(path), tracks)
     assert read_options(path) == StageOptions(**EVERYTHING)
@@ -76,7 +87,7 @@ def test_a_stage_with_every_option_comes_back_and_validates(extension, tmp_path)
 
 def test_the_primary_path_holds_the_lobes_below_xforms(tmp_path):
     path = tmp_path / "shot.usda"
-    write_every(of_every_kind(FRAMES), path, primary_path="/World/Lights/Env", dome_height=2)
+    write_usd(calm(of_every_kind, FRAMES), path, primary_path="/World/Lights/Env")
     stage = Usd.Stage.Open(str(path))
     assert stage.GetDefaultPrim().GetPath() == "/World"
     above = [stage.GetPrimAtPath(p).GetTypeName() for p in ("/World", "/World/Lights")]
@@ -88,19 +99,20 @@ def test_the_primary_path_holds_the_lobes_below_xforms(tmp_path):
 
 
 def test_a_rig_is_found_where_a_shot_refers_to_it(tmp_path):
-    write_every(moving(FRAMES), tmp_path / "env.usdc", primary_path="/World/Env", dome_height=2)
+    chosen = {"representations": ("distant", "dome"), "dome_height": 2}
+    write_usd(calm(moving, FRAMES), tmp_path / "env.usdc", primary_path="/World/Env", **chosen)
     (tmp_path / "shot.usda").write_text(
         '#usda 1.0\n(\n defaultPrim = "Shot"\n startTimeCode = 1001\n endTimeCode = 1005\n)\n'
         'def Xform "Shot"\n{\ndef "Set" (prepend references = @./env.usdc@</World>)\n{\n}\n}\n'
     )
-    assert_same(read_usd(tmp_path / "shot.usda"), moving(FRAMES))
+    assert_same(read_usd(tmp_path / "shot.usda"), calm(moving, FRAMES))
     assert read_options(tmp_path / "shot.usda").primary_path == "/Shot/Set/Env"
 
 
 def test_cards_stand_a_kilometre_away_in_any_unit(tmp_path):
     for unit in (1.0, 0.01, 0.0254):
         path = tmp_path / f"shot_{unit}.usda"
-        write_every(of_every_kind(FRAMES), path, meters_per_unit=unit, dome_height=2)
+        write_usd(calm(of_every_kind, FRAMES), path, meters_per_unit=unit)
         stage = Usd.Stage.Open(str(path))
         lobe = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_02")
         place = UsdGeom.XformCache(1002).GetLocalToWorldTransform(lobe).ExtractTranslation()
@@ -114,7 +126,7 @@ def test_cards_stand_a_kilometre_away_in_any_unit(tmp_path):
 
 def test_the_rig_says_which_asset_it_is(tmp_path):
     path = tmp_path / "shot.v3.usdc"
-    write_every(moving(FRAMES), path, dome_height=2)
+    write_usd(calm(moving, FRAMES), path, representations=("dome",), dome_height=2)
     stage = Usd.Stage.Open(str(path))
     rig = Usd.ModelAPI(stage.GetDefaultPrim())
     assert rig.GetAssetName() == "shot.v3"
@@ -156,11 +168,10 @@ def closed_form(space: str) -> np.ndarray:
 
 @pytest.mark.parametrize("space", PRIMARIES)
 def test_the_stage_shows_the_same_light_in_the_primaries_asked_for(space, tmp_path):
-    tracks = moving(FRAMES)
+    tracks = calm(moving, FRAMES)
+    chosen = {"representations": ("distant", "dome"), "dome_height": 8}
     for path, name in (("plain.usda", "Rec.709"), ("other.usda", space)):
-        write_every(
-            tracks, tmp_path / path, colorspace=name, representation="distant", dome_height=8
-        )
+        put_every(tracks, tmp_path / path, colorspace=name, **chosen)
     stage = Usd.Stage.Open(str(tmp_path / "other.usda"))
     found = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_01").GetAttribute("asg:amplitude").Get(1002)
     wanted = closed_form(space) @ tracks.at(1002).amplitude[1].double().numpy()
@@ -183,7 +194,7 @@ def test_the_stage_shows_the_same_light_in_the_primaries_asked_for(space, tmp_pa
 def test_usd_is_told_the_space_and_knows_it(space, tmp_path):
     path = tmp_path / "shot.usda"
     tracks = still()
-    write_every(tracks, path, colorspace=space, dome_height=2)
+    write_usd(tracks, path, colorspace=space, representations=("distant",))
     stage = Usd.Stage.Open(str(path))
     lobe = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00")
     amplitude = lobe.GetAttribute("asg:amplitude")
@@ -213,7 +224,7 @@ def test_usd_is_told_the_space_and_knows_it(space, tmp_path):
 )
 def test_a_space_has_many_names(name, space, tmp_path, monkeypatch):
     monkeypatch.setenv("OCIO", str(tmp_path / "of-the-studio.ocio"))  # not there, and not asked
-    write_every(still(), tmp_path / "shot.usda", colorspace=name, dome_height=2)
+    write_usd(still(), tmp_path / "shot.usda", colorspace=name, representations=("dome",))
     assert read_options(tmp_path / "shot.usda").colorspace == space
 
 
@@ -241,7 +252,9 @@ def test_a_light_outside_rec709_comes_back_without_its_negative_part(tmp_path):
 
 def test_a_package_holds_its_images_and_nothing_lies_beside_it(tmp_path):
     path = tmp_path / "shot.usdz"
-    report = write_every(moving(FRAMES), path, representation="dome", dome_height=8)
+    report = write_usd(
+        calm(moving, FRAMES), path, representations=("dome", "distant"), dome_height=8
+    )
     assert list(contents(tmp_path)) == ["shot.usdz"]
     assert report.files == (path,)
     assert report.bytes == path.stat().st_size
@@ -265,16 +278,17 @@ def test_a_package_holds_its_images_and_nothing_lies_beside_it(tmp_path):
 
 def test_a_package_is_replaced_whole(tmp_path):
     path = tmp_path / "shot.usdz"
-    write_every(moving(range(5)), path, dome_height=2)
+    chosen = {"representations": ("distant", "dome"), "dome_height": 2}
+    write_usd(moving(range(5)), path, **chosen)
     held = Usd.Stage.Open(str(path))
-    write_every(moving(FRAMES, seed=1), path, dome_height=2)
-    assert_same(read_usd(path), moving(FRAMES, seed=1))
+    write_usd(calm(moving, FRAMES, seed=1), path, **chosen)
+    assert_same(read_usd(path), calm(moving, FRAMES, seed=1))
     assert held.GetDefaultPrim()
 
 
 def test_a_package_can_be_edited_in_a_layer_over_it(tmp_path):
     path = tmp_path / "shot.usdz"
-    write_every(moving(FRAMES), path, **EVERYTHING)
+    write_every(calm(moving, FRAMES), path, **EVERYTHING)
     tracks = read_usd(path)
     lobes = tracks.lobes.clone()
     lobes.amplitude[:, 1] *= 2
@@ -288,7 +302,7 @@ def test_a_package_can_be_edited_in_a_layer_over_it(tmp_path):
 
 def test_an_image_missing_from_a_package_is_found(tmp_path):
     path = tmp_path / "shot.usdz"
-    write_every(moving(FRAMES), path, dome_height=2)
+    write_usd(calm(moving, FRAMES), path, representations=("distant", "dome"), dome_height=2)
     with zipfile.ZipFile(path) as archive:
         layer = archive.read("shot.usdc")
     (tmp_path / "shot.usdc").write_bytes(layer)
@@ -302,10 +316,17 @@ def test_an_image_missing_from_a_package_is_found(tmp_path):
 # ---- a layer of edits ----
 
 
-@pytest.mark.parametrize("name", EVERYTHING)
-def test_a_layer_of_edits_keeps_the_options_of_its_stage(name, tmp_path):
-    options = {"dome_height": 8, name: EVERYTHING[name]}
-    write_every(moving(FRAMES), tmp_path / "fit.usda", **options)
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("representations", "primary_path", "colorspace", "distant_lights"),
+        ("distance", "meters_per_unit", "up_axis", "dome_height"),
+    ],
+    ids=", ".join,
+)
+def test_a_layer_of_edits_keeps_the_options_of_its_stage(names, tmp_path):
+    options = {"dome_height": 4, **{name: EVERYTHING[name] for name in names}}
+    write_every(calm(moving, FRAMES), tmp_path / "fit.usda", **options)
     tracks = read_usd(tmp_path / "fit.usda")
     lobes = tracks.lobes.clone()
     lobes.amplitude[:, 1] *= torch.tensor([3.0, 2.0, 1.0])
@@ -332,7 +353,7 @@ def test_every_pair_of_options_reads_back(tmp_path):
     Each option is in three of five stages, no two of them in the same three: any two threes of five
     have one in common, and each has one that the other lacks (pairwise covering).
     """
-    tracks = moving((1001, 1002))
+    tracks = beginning(moving(range(1001, 1011)), 2)
     held = dict(zip(EVERYTHING, itertools.combinations(range(5), 3), strict=False))
     assert held.keys() == EVERYTHING.keys()
     for number in range(6):
@@ -346,10 +367,10 @@ def test_every_pair_of_options_reads_back(tmp_path):
 
 
 def test_names_of_lobes_are_kept(tmp_path):
-    moved = moving(FRAMES)
+    moved = calm(moving, FRAMES)
     names = ("lobe_07", "key", "lobe_00")
     tracks = LobeTracks(moved.frames, moved.fps, moved.lobes, moved.metadata, names)
-    write_every(tracks, tmp_path / "shot.usda", dome_height=2)
+    write_usd(tracks, tmp_path / "shot.usda", representations=("cards",))
     stage = Usd.Stage.Open(str(tmp_path / "shot.usda"))
     prims = stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren()
     assert tuple(prim.GetName() for prim in prims) == names
@@ -357,6 +378,6 @@ def test_names_of_lobes_are_kept(tmp_path):
 
 
 def test_a_name_that_no_prim_can_have_is_refused(tmp_path):
-    tracks = replace(moving(FRAMES), names=("a b", "c", "d"))
+    tracks = replace(calm(moving, FRAMES), names=("a b", "c", "d"))
     with pytest.raises(InputError, match="tracks: lobes are called a b, c, d; expected names of"):
         write_every(tracks, tmp_path / "shot.usda")

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdValidation
 from usd_tracks import beginning, contents, moving, of_every_kind, still, write_every
+from written_stages import selected
 
 from asglight.lobes import Form
-from asglight.usd import StageOptions, lint_stage, read_usd
+from asglight.usd import StageOptions, lint_stage, read_usd, write_usd
 from asglight.usd.lights import cards
 from asglight.usd.options import OF_LOBES
 from asglight.usd.write import layer
@@ -21,17 +22,16 @@ from asglight.usd.write import layer
 @pytest.mark.parametrize(
     ("form", "extension"), [*((form, "usda") for form in Form), (Form.ASG, "usdc")]
 )
-@pytest.mark.parametrize("representation", OF_LOBES)
-def test_all_usd_validators_and_the_own_lint_are_content(representation, extension, form, tmp_path):
+def test_all_usd_validators_and_the_own_lint_are_content(extension, form, tmp_path):
     path = tmp_path / f"shot.{extension}"
-    write_every(
-        of_every_kind(range(1001, 1004), form), path, representation=representation, dome_height=4
-    )
+    write_every(of_every_kind(range(1001, 1004), form), path, dome_height=4)
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     assert len(validators) > 10
-    errors = UsdValidation.ValidationContext(validators).Validate(Usd.Stage.Open(str(path)))
-    assert [error.GetErrorAsString() for error in errors] == []
-    assert lint_stage(path) == []
+    for representation in OF_LOBES:
+        stage = selected(path, representation)
+        errors = UsdValidation.ValidationContext(validators).Validate(stage)
+        assert [error.GetErrorAsString() for error in errors] == []
+    assert lint_stage(path) == []  # of every representation
 
 
 @pytest.mark.parametrize("representation", OF_LOBES)
@@ -53,12 +53,19 @@ def test_the_stage_shows_the_representation_asked_for(representation, tmp_path):
     assert lights == wanted[representation]
 
 
-@pytest.mark.parametrize("representation", OF_LOBES)
-def test_the_lobes_are_the_same_in_every_representation(representation, tmp_path):
-    path = tmp_path / "shot.usda"
+@pytest.fixture(scope="module")
+def in_motion(tmp_path_factory):
+    """Return tracks and a stage of every representation."""
     tracks = moving(range(1001, 1005))
-    write_every(tracks, path, representation=representation, dome_height=4)
-    stage = Usd.Stage.Open(str(path))
+    path = tmp_path_factory.mktemp("motion") / "shot.usda"
+    write_every(tracks, path, dome_height=4)
+    return tracks, path
+
+
+@pytest.mark.parametrize("representation", OF_LOBES)
+def test_the_lobes_are_the_same_in_every_representation(representation, in_motion):
+    tracks, path = in_motion
+    stage = selected(path, representation)
     lobes = stage.GetPrimAtPath("/AsgRig/Lobes").GetChildren()
     assert [lobe.GetName() for lobe in lobes] == ["lobe_00", "lobe_01", "lobe_02"]
     for index, lobe in enumerate(lobes):
@@ -72,7 +79,7 @@ def test_the_lobes_are_the_same_in_every_representation(representation, tmp_path
 
 def test_cards_stand_at_the_distance_and_the_unit_asked_for(tmp_path):
     path = tmp_path / "shot.usda"
-    write_every(still(), path, distance=50.0, meters_per_unit=0.01, dome_height=4)
+    write_usd(still(), path, distance=50.0, meters_per_unit=0.01)
     stage = Usd.Stage.Open(str(path))
     assert UsdGeom.GetStageMetersPerUnit(stage) == 0.01
     lights = [prim for prim in stage.Traverse() if prim.GetTypeName() == "RectLight"]
@@ -86,7 +93,7 @@ def test_cards_stand_at_the_distance_and_the_unit_asked_for(tmp_path):
 def test_black_lobes_are_lights_of_no_intensity(tmp_path):
     tracks = still(((5e3, 4e3), (20.0, 5.0)))
     tracks.lobes.amplitude[0, 0] = 0
-    write_every(tracks, tmp_path / "shot.usda", dome_height=4)
+    write_usd(tracks, tmp_path / "shot.usda", representations=("cards",))
     stage = Usd.Stage.Open(str(tmp_path / "shot.usda"))
     light = UsdLux.LightAPI(stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00"))
     assert light.GetIntensityAttr().Get() == 0
@@ -104,7 +111,10 @@ def test_a_track_that_never_moves_has_no_samples_and_one_image(tmp_path):
 
 
 def test_the_dome_has_one_image_a_frame_beside_the_stage(tmp_path):
-    report = write_every(moving([8, 9, 12]), tmp_path / "shot.v2.usda", dome_height=4)
+    held = ("cards", "dome")
+    report = write_usd(
+        moving([8, 9, 12]), tmp_path / "shot.v2.usda", representations=held, dome_height=4
+    )
     names = ["shot.v2.0008.exr", "shot.v2.0009.exr", "shot.v2.0012.exr"]
     assert sorted(contents(tmp_path)) == ["shot.v2.usda", *(f"shot.v2_dome/{n}" for n in names)]
     assert [str(file.relative_to(tmp_path)) for file in report.files] == [
@@ -137,7 +147,7 @@ def test_the_report_counts_the_samples_of_the_stage(tmp_path):
 @pytest.mark.parametrize("name", ["SHOT.USDA", "sh ot@1 größe 50%.usdc", "a[1].usd", ".usdx.usda"])
 def test_names_of_every_kind_work(name, tmp_path):
     path = tmp_path / name
-    write_every(moving(range(3)), path, representation="dome", dome_height=2)
+    write_usd(moving(range(3)), path, representations=("dome",), dome_height=2)
     stage = Usd.Stage.Open(str(path))
     texture = stage.GetPrimAtPath("/AsgRig/Dome").GetAttribute("inputs:texture:file")
     assert Path(texture.Get(2).resolvedPath).samefile(
@@ -166,7 +176,7 @@ def test_a_long_shot_stays_small(jitter, megabytes, tmp_path):
 
 def test_without_the_plugin_the_stage_opens_in_silence(tmp_path):
     path = tmp_path / "shot.usdc"
-    write_every(moving(range(3)), path, dome_height=2)
+    write_usd(moving(range(3)), path, representations=("distant", "dome"), dome_height=2)
     code = (
         "from pxr import Usd; import sys; s = Usd.Stage.Open(sys.argv[1]);"
         "lobe = s.GetPrimAtPath('/AsgRig/Lobes/lobe_00');"

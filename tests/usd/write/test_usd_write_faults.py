@@ -11,12 +11,14 @@ from pathlib import Path
 
 import pytest
 import torch
+from full_disk import full_beyond
 from places import SUPPORT
 from usd_tracks import contents, moving, still, write_every
+from written_stages import put_every
 
 from asglight.errors import InputError
 from asglight.lobes import Form, Lobes, LobeTracks
-from asglight.usd import lint_stage, read_usd
+from asglight.usd import lint_stage, read_usd, write_usd
 from asglight.usd.write import layer
 
 
@@ -142,38 +144,27 @@ def test_metadata_that_json_cannot_hold_is_named(metadata, tmp_path):
     assert "expected JSON values" in refused(tracks, tmp_path / "shot.usda")
 
 
-LIMITED = """
-import resource, sys
-sys.path.insert(0, sys.argv[2])
-from usd_tracks import moving, write_every
-from asglight.errors import InputError
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]),) * 2)
-try:
-    write_every(moving(range(40), seed=1), sys.argv[1], dome_height=int(sys.argv[4]))
-except InputError as error:
-    print(error)
-"""
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on the size of files")
 @pytest.mark.parametrize("extension", ["usda", "usdc"])
-@pytest.mark.parametrize(
-    ("limit", "height", "named"), [(4000, 2, "shot."), (4000, 64, "shot_dome/shot.0000.exr")]
-)
-def test_a_full_disk_leaves_everything_as_it_was(extension, limit, height, named, tmp_path):
+@pytest.mark.parametrize(("height", "named"), [(2, "shot."), (64, "shot_dome/shot.0000.exr")])
+def test_a_full_disk_leaves_everything_as_it_was(extension, height, named, tmp_path):
     path = tmp_path / f"shot.{extension}"
-    write_every(moving(range(40)), path, dome_height=2)
+    put_every(moving(range(10)), path, dome_height=2)
     before = contents(tmp_path)
-    result = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(path), str(SUPPORT), str(limit), str(height)],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert result.stdout.startswith(f"{tmp_path}/{named}"), result.stdout + result.stderr
-    assert "cannot be written" in result.stdout
-    assert result.stdout.count("\n") == 1
+    with full_beyond(4000):
+        message = refused(moving(range(10), seed=1), path, dome_height=height)
+    assert message.startswith(f"{tmp_path}/{named}")
+    assert "cannot be written" in message
     assert contents(tmp_path) == before
+
+
+WRITE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from usd_tracks import moving
+from asglight.usd import write_usd
+write_usd(moving(range(5), seed=1), sys.argv[2], representations=("dome",), dome_height=512)
+"""
 
 
 def test_a_write_that_is_killed_leaves_the_old_stage(tmp_path):
@@ -181,8 +172,7 @@ def test_a_write_that_is_killed_leaves_the_old_stage(tmp_path):
     tracks = moving(range(5))
     write_every(tracks, path, dome_height=2)
     before = contents(tmp_path)
-    code = LIMITED.replace("resource.setrlimit", "(lambda *_: None)")
-    arguments = [sys.executable, "-c", code, str(path), str(SUPPORT), "0", "512"]
+    arguments = [sys.executable, "-c", WRITE, str(SUPPORT), str(path)]
     with subprocess.Popen(arguments) as process:
         deadline = time.monotonic() + 60
         while not list(tmp_path.glob(".asglight-*/shot_dome/shot.0002.exr")):
@@ -198,8 +188,8 @@ def test_a_write_that_is_killed_leaves_the_old_stage(tmp_path):
 
 def test_a_second_write_replaces_the_first(tmp_path):
     path = tmp_path / "shot.usda"
-    write_every(moving(range(4)), path, dome_height=2)
-    write_every(moving(range(2), seed=3), path, dome_height=2)
+    for tracks in (moving(range(4)), moving(range(2), seed=3)):
+        write_usd(tracks, path, representations=("distant", "dome"), dome_height=2)
     assert read_usd(path).frames == (0, 1)
     assert not list(tmp_path.glob(".asglight-*"))
 
@@ -225,5 +215,5 @@ def test_numbers_that_no_light_can_have_are_told_by_name_and_not_written(
     monkeypatch.setattr(layer, "lobe_tracks", broken)
     path = tmp_path / "shot.usda"
     with pytest.raises(RuntimeError, match=f"/AsgRig/Lobes/lobe_00.{said}"):
-        write_every(moving(range(3)), path, dome_height=2)
+        write_usd(moving(range(3)), path, representations=("distant", "dome"), dome_height=2)
     assert contents(tmp_path) == {}
