@@ -18,17 +18,22 @@ def sources() -> list[Path]:
     return [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
 
 
-def functions_of(text: str) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            yield node
+def functions_of(node: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """Yield functions in statements: expressions, most of a tree, hold none."""
+    for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for statement in getattr(node, field, ()):
+            if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield statement
+            yield from functions_of(statement)
 
 
 def too_long(name: str, text: str) -> Iterator[str]:
     """Yield what of a file is over the limits."""
     if (lines := len(text.splitlines())) >= FILE_LINES:
         yield f"{name}: {lines} lines"
-    for node in functions_of(text):
+    if lines < FUNCTION_LINES:  # nor is a function
+        return
+    for node in functions_of(ast.parse(text)):
         assert node.end_lineno is not None
         if (lines := node.end_lineno - node.lineno + 1) >= FUNCTION_LINES:
             yield f"{name}: {node.name}: {lines} lines"
@@ -47,6 +52,11 @@ def test_no_file_and_no_function_is_too_long() -> None:
         ("x = 1\n" * 400, ["a.py: 400 lines"]),
         ("def f():\n" + "    pass\n" * 68, []),
         ("class A:\n  async def f(self):\n" + "    pass\n" * 69, ["a.py: f: 70 lines"]),
+        ("if 1:\n  pass\nelse:\n  def f():\n" + "    pass\n" * 69, ["a.py: f: 70 lines"]),
+        (
+            "try:\n  pass\nexcept A:\n  def f():\n" + "    pass\n" * 69,
+            ["a.py: f: 70 lines"],
+        ),
         ('def f():\n    """One.\n' + "\n" * 67 + '    """\n', ["a.py: f: 70 lines"]),
     ],
 )

@@ -259,16 +259,14 @@ def line_of(command: str, pick: random.Random) -> list[str]:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(4))
-def test_no_command_line_ends_in_a_traceback(
-    seed: int, here: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    pick = random.Random(seed)
+@pytest.mark.usefixtures("here")
+def test_no_command_line_ends_in_a_traceback(capfd: pytest.CaptureFixture[str]) -> None:
+    pick = random.Random(0)
     commands = list(COMMANDS)
     ended: dict[int, int] = {}
     good = 0  # those that end well, or come to where the work begins
     faults: list[tuple[int, list[str], str]] = []
-    for _ in range(LINES // 4):
+    for _ in range(LINES):
         line = line_of(pick.choice(commands), pick)
         status = main(line)
         said = capfd.readouterr().err
@@ -279,7 +277,7 @@ def test_no_command_line_ends_in_a_traceback(
         if status not in (0, 2, 3, 130) or (status == 2 and not is_one_line):
             faults.append((status, line, said))
     assert not faults
-    assert ended[2] > LINES // 8  # these are odd lines; and some are good
+    assert ended[2] > LINES // 2  # these are odd lines; and some are good
     assert good > 0
 
 

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fit that is killed at any moment, and resumed, writes the bytes of an unbroken one."""
 
+import os
 import signal
-import subprocess
-import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
-import commands
 import pytest
 import sky_files
+from forked import Nursery, nursery
 
 from asglight.cli.main import main
 
-OPTIONS = ("--lobes", "2", "--representations", "cards,dome")
+OPTIONS = ("--lobes", "2", "--representations", "cards,dome", "--dome-height", "16")
 
 KILL = (
     "import os, signal\nfrom asglight.shots.kept import checkpoint\nseen = []\n"
@@ -49,8 +49,8 @@ BEFORE_REMOVAL = KILL + (
 )
 MOMENTS = {
     "after the first frame": AFTER_FRAME.format(frames=1, signal="SIGKILL"),
-    "after the third frame": AFTER_FRAME.format(frames=3, signal="SIGKILL"),
-    "after the last frame": AFTER_FRAME.format(frames=4, signal="SIGKILL"),
+    "after the second frame": AFTER_FRAME.format(frames=2, signal="SIGKILL"),
+    "after the last frame": AFTER_FRAME.format(frames=3, signal="SIGKILL"),
     "within the header": WITHIN_LINE.format(frames=1, bytes=30),
     "within the second frame": WITHIN_LINE.format(frames=2, bytes=100),
     "before the newline": WITHIN_LINE.format(frames=3, bytes=-1),
@@ -60,8 +60,15 @@ MOMENTS = {
 
 
 @pytest.fixture(scope="module")
+def forks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nursery]:
+    """Return what starts the fits that are killed."""
+    with nursery(tmp_path_factory.mktemp("said")) as forks:
+        yield forks
+
+
+@pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return sky_files.write_sequence(tmp_path_factory.mktemp("source") / "in")
+    return sky_files.write_sequence(tmp_path_factory.mktemp("source") / "in", range(1, 4))
 
 
 @pytest.fixture(scope="module")
@@ -80,53 +87,54 @@ def files(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_a_killed_and_resumed_fit_is_the_unbroken_one(
-    source: Path, unbroken: dict[str, bytes], tmp_path: Path, moment: str
+    forks: Nursery, source: Path, unbroken: dict[str, bytes], tmp_path: Path, moment: str
 ) -> None:
     fit = ("fit", source, "-o", tmp_path / "shot.usda", *OPTIONS)
-    killed = commands.run_asglight(*fit, hook=MOMENTS[moment])
+    killed = forks.run(*fit, hook=MOMENTS[moment])
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     assert main([str(word) for word in (*fit, "--resume")]) == 0
     assert files(tmp_path) == unbroken
 
 
-def test_a_fit_killed_from_outside_and_resumed_is_the_unbroken_one(tmp_path: Path) -> None:
-    source = sky_files.write_sequence(tmp_path / "in", range(1, 41))
+def test_a_fit_killed_from_outside_and_resumed_is_the_unbroken_one(
+    forks: Nursery, tmp_path: Path
+) -> None:
+    source = sky_files.write_sequence(tmp_path / "in", range(1, 7))
     outputs = [tmp_path / name / "shot.usda" for name in ("whole", "killed")]
     for output in outputs:
         output.parent.mkdir()
     words = [["fit", str(source), "-o", str(output), "--lobes", "2"] for output in outputs]
     assert main(words[0]) == 0
-    process = subprocess.Popen(
-        [sys.executable, "-c", commands.RUN.format(hook=""), *words[1]],
-        stderr=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-    )
+    process = forks.begin(*words[1])
     checkpoint = outputs[1].with_name("shot.usda.checkpoint")
     give_up = time.monotonic() + 60
-    while not (checkpoint.exists() and checkpoint.read_bytes().count(b"\n") > 3):
+    while not (checkpoint.exists() and checkpoint.read_bytes().count(b"\n") > 2):
         assert time.monotonic() < give_up
-        assert process.poll() is None
+        assert not outputs[1].exists()
         time.sleep(0.002)
-    process.kill()
-    assert process.wait(60) == -signal.SIGKILL
+    os.kill(process, signal.SIGKILL)
+    assert forks.end().returncode == -signal.SIGKILL
+    assert not outputs[1].exists()
     assert main([*words[1], "--resume"]) == 0
     assert outputs[1].read_bytes() == outputs[0].read_bytes()
 
 
-def test_an_interrupted_fit_keeps_its_checkpoint(source: Path, tmp_path: Path) -> None:
+def test_an_interrupted_fit_keeps_its_checkpoint(
+    forks: Nursery, source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     fit = ("fit", source, "-o", tmp_path / "shot.usda", *OPTIONS)
     hook = AFTER_FRAME.format(frames=2, signal="SIGINT")
-    stopped = commands.run_asglight(*fit, hook=hook)
+    stopped = forks.run(*fit, hook=hook)
     assert stopped.returncode == 130
     assert stopped.stderr.splitlines()[-1] == "asglight: interrupted; resume with --resume."
     assert "Traceback" not in stopped.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["shot.usda.checkpoint"]
-    again = commands.run_asglight(*fit, "--resume")
-    assert "resumed: 2 frames from an earlier run" in again.stdout
+    assert main([str(word) for word in (*fit, "--resume")]) == 0
+    assert "resumed: 2 frames from an earlier run" in capsys.readouterr().out
 
 
 def test_a_disk_that_fills_up_is_one_line_and_the_fit_resumes(
-    source: Path, unbroken: dict[str, bytes], tmp_path: Path
+    forks: Nursery, source: Path, unbroken: dict[str, bytes], tmp_path: Path
 ) -> None:
     fit = ("fit", source, "-o", tmp_path / "shot.usda", *OPTIONS)
     # bytes a file may have: the header and the first frame fit, the second frame does not
@@ -138,7 +146,7 @@ def test_a_disk_that_fills_up_is_one_line_and_the_fit_resumes(
         "    append(self, record)\n"
         "checkpoint.Checkpoint.append = limited"
     )
-    stopped = commands.run_asglight(*fit, hook=hook)
+    stopped = forks.run(*fit, hook=hook)
     assert stopped.returncode == 2
     *frames, last = stopped.stderr.splitlines()
     assert all(line.startswith("frame ") for line in frames)
@@ -147,11 +155,13 @@ def test_a_disk_that_fills_up_is_one_line_and_the_fit_resumes(
     assert files(tmp_path) == unbroken
 
 
-def test_a_second_fit_of_the_same_output_is_refused(source: Path, tmp_path: Path) -> None:
+def test_a_second_fit_of_the_same_output_is_refused(
+    forks: Nursery, source: Path, tmp_path: Path
+) -> None:
     from asglight.shots.kept.checkpoint import Checkpoint, header_of
 
     with Checkpoint(tmp_path / "shot.usda.checkpoint", header_of({}), resume=False):
-        second = commands.run_asglight("fit", source, "-o", tmp_path / "shot.usda")
+        second = forks.run("fit", source, "-o", tmp_path / "shot.usda")
     assert second.returncode == 2
     assert "shot.usda: another run is writing it" in second.stderr
     assert second.stderr.count("\n") == 1

@@ -140,11 +140,11 @@ def test_an_interrupted_fit_says_how_to_go_on(
 
 def test_a_reader_that_closes_early_is_no_error() -> None:
     hook = (
-        "from asglight.cli.commands import info\n"
-        "info.run = lambda arguments: print('x' * 100_000) or 0"
+        "from asglight.cli.commands import view\n"  # which loads little
+        "view.run = lambda arguments: print('x' * 100_000) or 0"
     )
     process = subprocess.Popen(
-        [sys.executable, "-c", commands.RUN.format(hook=hook), "info", "x.usda"],
+        [sys.executable, "-c", commands.RUN.format(hook=hook), "view", "x.usda"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )

@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The site: it builds without a network or a warning, and holds all that the code says."""
 
-import os
 import re
-import subprocess
-import sys
+import socket
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -43,17 +41,25 @@ class Loaded(HTMLParser):
             self.sources.append(str(given.get("href")))
 
 
+def refused(*_: object) -> None:
+    raise ConnectionRefusedError("a site is built without a network")
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site, built with no way to a network: a proxy that is none."""
+    from mkdocs.commands.build import build
+    from mkdocs.config import load_config
+
     target = tmp_path_factory.mktemp("site")
-    away = dict.fromkeys(("http_proxy", "https_proxy", "HTTPS_PROXY"), "http://127.0.0.1:9")
-    environment = {**os.environ, **away, "NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT)}
-    words = ["-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(target)]
-    built = subprocess.run(
-        [sys.executable, *words], cwd=ROOT, capture_output=True, text=True, env=environment
-    )
-    assert built.returncode == 0, built.stdout + built.stderr
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("http_proxy", "https_proxy", "HTTPS_PROXY"):
+            patch.setenv(name, "http://127.0.0.1:9")
+        patch.setenv("NO_MKDOCS_2_WARNING", "1")
+        patch.setattr(socket.socket, "connect", refused)
+        patch.chdir(ROOT)
+        config = load_config(str(ROOT / "mkdocs.yml"), site_dir=str(target), strict=True)
+        build(config)  # raises at the first warning
     return target
 
 

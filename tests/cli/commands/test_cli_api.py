@@ -21,14 +21,6 @@ def test_importing_asglight_loads_neither_torch_nor_usd_nor_a_window() -> None:
     assert result.stdout.strip() == ""
 
 
-def test_fitting_loads_no_usd() -> None:
-    code = "import asglight, sys; asglight.fit_sequence; print('pxr' in sys.modules)"
-    result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    assert result.stdout.strip() == "False"
-
-
 def test_every_public_name_is_there_and_documented() -> None:
     assert set(asglight.__all__) <= set(dir(asglight))
     for name in asglight.__all__:

@@ -54,7 +54,7 @@ def document(folder: Path, figure: str) -> dict[str, Any]:
             ["--lobes", "2", "--steps", "3", "--rows", "8", "--starts", "1"],
             ["L1 + L_D", "L1", "L2 + L_D", "L2", "L2 of log", "L2 of sRGB", "fast, for comparison"],
         ),
-        ("forms", ["--lobes", "3", "--dark"], None),
+        ("forms", ["--lobes", "2", "--dark"], None),
     ],
 )
 def test_a_still_s_figure_is_a_picture_a_caption_and_numbers(

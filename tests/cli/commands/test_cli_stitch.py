@@ -177,16 +177,16 @@ def test_the_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
 def test_chunks_that_were_fitted_apart_are_one_shot(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source = sky_files.write_sequence(tmp_path / "in", range(1001, 1009))
+    source = sky_files.write_sequence(tmp_path / "in", range(1001, 1005))
     options = ["--lobes", "2", "--preset", "fast"]
-    for number, frames in enumerate(("1001-1005", "1004-1008"), 1):
+    for number, frames in enumerate(("1001-1003", "1002-1004"), 1):
         part = str(tmp_path / f"part.{number}.usdc")
         assert main(["fit", str(source), "-o", part, "--frames", frames, *options]) == 0
         first, last = map(int, frames.split("-"))
         assert read_usd(part).frames == tuple(range(first, last + 1))
     shot = str(tmp_path / "shot.usdc")
     assert main(["stitch", str(tmp_path / "part.*.usdc"), "-o", shot]) == 0
-    assert read_usd(shot).frames == tuple(range(1001, 1009))
+    assert read_usd(shot).frames == tuple(range(1001, 1005))
     errors: dict[str, dict[int, float]] = {}
     for name in ("part.1", "part.2", "shot"):
         capsys.readouterr()
@@ -204,7 +204,7 @@ def test_chunks_that_were_fitted_apart_are_one_shot(
 @pytest.mark.skipif(not DAY.is_dir(), reason="needs ../shared/sequences/day")
 def test_the_sun_is_one_track(tmp_path: Path) -> None:
     options = ["--lobes", "6", "--preset", "live"]
-    for frames in ("1012-1016", "1015-1019"):
+    for frames in ("1012-1014", "1013-1015"):
         part = str(tmp_path / f"part.{frames}.usdc")
         assert main(["fit", str(DAY), "-o", part, "--frames", frames, *options]) == 0
     shot = str(tmp_path / "shot.usdc")

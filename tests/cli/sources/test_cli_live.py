@@ -12,9 +12,9 @@ import processes
 import pytest
 import sky_files
 import torch
-from places import ROOT, SHARED
+from places import ROOT, SHARED, SUPPORT
+from stand_in_fit import FRAMES, StandInJob
 
-from asglight.cli.sources import built_in
 from asglight.cli.sources.live_source import LiveJob, LiveSource
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
 from asglight.images import open_sequence
@@ -105,13 +105,13 @@ def test_lobes_are_those_of_a_direct_fit_and_ctrl_c_is_left_to_the_viewer(
 
 @pytest.mark.skipif(not DAY.is_dir(), reason="needs ../shared/sequences/day")
 def test_lobes_of_the_day_are_those_of_a_direct_fit(start: Start) -> None:
-    job = LiveJob(tuple(range(1001, 1009)), str(DAY))
+    job = LiveJob((1001, 1002), str(DAY))
     source = start(job)
     check_same_as_direct(polled(source, lambda: source.status().is_finished), job)
 
 
 def test_closing_in_the_middle_leaves_no_process(start: Start) -> None:
-    source = start(LiveJob(built_in.FRAMES, lobes=3))
+    source = start(StandInJob(FRAMES, lobes=3))
     polled(source, lambda: source.status().frames_done > 0)
     pid = source.process.pid
     assert pid is not None
@@ -134,7 +134,7 @@ def test_closing_at_once_leaves_no_process(start: Start, job: LiveJob) -> None:
 
 
 def test_a_killed_process_is_a_failure_and_keeps_its_frames(start: Start) -> None:
-    source = start(LiveJob(built_in.FRAMES, lobes=3))
+    source = start(StandInJob(FRAMES, lobes=3))
     news = polled(source, lambda: source.status().frames_done > 0)
     assert news[-1].frames[0] == 1001
     assert source.process.pid is not None
@@ -162,9 +162,9 @@ def test_a_bad_image_is_a_failure_after_the_frames_before_it(start: Start, job: 
 
 
 def test_a_bug_is_a_failure_that_asks_for_a_report(
-    start: Start, job: LiveJob, capfd: pytest.CaptureFixture[str]
+    start: Start, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    source = start(LiveJob(job.frames, job.source, lobes=0))  # which the command line refuses
+    source = start(StandInJob(FRAMES, lobes=0))  # which the command line refuses
     polled(source, lambda: source.status().is_finished)
     failure = source.status().failure
     assert failure is not None
@@ -174,10 +174,10 @@ def test_a_bug_is_a_failure_that_asks_for_a_report(
 
 
 VIEWER = (
-    "import time\nfrom asglight.cli.sources import built_in\n"
-    "from asglight.cli.sources.live_source import LiveJob, LiveSource\n"
+    "import time\nfrom asglight.cli.sources.live_source import LiveSource\n"
+    "from stand_in_fit import FRAMES, StandInJob\n"
     "if __name__ == '__main__':\n"
-    "    source = LiveSource(LiveJob(built_in.FRAMES, lobes=3))\n"
+    "    source = LiveSource(StandInJob(FRAMES, lobes=3))\n"
     "    print(source.process.pid, flush=True)\n"
     "    source._connection.poll(None)\n"  # without loading torch
     "    print('fitted', flush=True)\n"
@@ -189,13 +189,13 @@ VIEWER = (
 def test_the_fit_ends_with_a_viewer_that_is_killed(tmp_path: Path, how: signal.Signals) -> None:
     script = tmp_path / "viewer.py"
     script.write_text(VIEWER)
-    root = ROOT
+    path = os.pathsep.join(map(str, (ROOT, SUPPORT / "cases")))
     viewer = subprocess.Popen(
         [sys.executable, str(script)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=os.environ | {"PYTHONPATH": str(root)},
+        env=os.environ | {"PYTHONPATH": path},
         # a shell's background jobs ignore it, and their children do
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )

@@ -12,6 +12,7 @@ import sky_files
 import torch
 
 from asglight.cli.sources import built_in
+from asglight.cli.sources.live_source import LiveSource
 from asglight.cli.sources.opening import Request, opened, stage_of
 from asglight.errors import InputError
 from asglight.images.options import ReadOptions
@@ -120,7 +121,10 @@ def test_images_are_fitted_live(start: Open, images: Path) -> None:
     assert torch.equal(amplitude[0], amplitude[1])
 
 
-def test_nothing_given_is_the_built_in_environment_and_its_fit(start: Open) -> None:
+def test_nothing_given_is_the_built_in_environment_and_its_fit(
+    start: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(built_in, "HEIGHT", 16)  # of what is drawn here, ahead of the fit
     session = start(lobes=3)
     assert session.title == "built-in environment"
     assert session.state.tracks.frames == built_in.FRAMES
@@ -128,8 +132,13 @@ def test_nothing_given_is_the_built_in_environment_and_its_fit(start: Open) -> N
     session.wait()
     image = session.state.references.get(1001)
     assert image is not None
-    assert image.shape == (96, 192, 3)
+    assert image.shape == (16, 32, 3)
     assert session.state.lobes.count == 6  # two tracks for each lobe
+    assert isinstance(session.source, LiveSource)
+    pid = session.source.process.pid
+    assert pid is not None
+    session.close()  # in the middle of the fit
+    assert not processes.is_running(pid)
 
 
 @pytest.mark.parametrize(
