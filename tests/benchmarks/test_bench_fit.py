@@ -55,10 +55,10 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     (root / "maps").mkdir()
     (root / "sequences" / "lamp").mkdir(parents=True)
     for index, name in enumerate(("attic", "barn", "cellar")):
-        write_exr(root / "maps" / f"{name}.exr", lit_map(16, 50.0 * index))
+        write_exr(root / "maps" / f"{name}.exr", lit_map(8, 50.0 * index))
     (root / "maps" / "README.md").write_text("no map")
     for index in range(FRAMES):
-        write_exr(root / "sequences" / "lamp" / f"lamp.{1001 + index}.exr", lit_map(16, 3 * index))
+        write_exr(root / "sequences" / "lamp" / f"lamp.{1001 + index}.exr", lit_map(8, 3 * index))
     return {"maps": root / "maps", "sequences": root / "sequences", "output": root / "out"}
 
 
@@ -143,7 +143,7 @@ def test_pictures_show_something(
 def test_a_tolerance_measures_the_fewest_lobes_alone(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fit_leaving_out, "SKY_ROWS", 16)
+    monkeypatch.setattr(fit_leaving_out, "SKY_ROWS", 8)
     options = ["-o", str(tmp_path), "--tolerance", "0.1", "--quick", "--frames", "2"]
     with contextlib.redirect_stdout(io.StringIO()) as output:
         assert fit.main([*words, *options, "--threads", "1"]) == 0

@@ -2,6 +2,7 @@
 """Light between frames and at them, measured: `benchmarks/motion`."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -22,9 +23,14 @@ def sequences(tmp_path: Path) -> Path:
 
 
 def test_a_moving_sun_is_one_track_and_right_between_frames(
-    sequences: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sequences: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Dissolved maps show two suns half-way; lobes show one, where it is."""
+    monkeypatch.setattr(measure, "LOBES", 4)
+    monkeypatch.setattr(measure, "fit_sequence", partial(measure.fit_sequence, lobes=4))
     status = measure.main(
         ["--sequences", str(sequences), "--presets", "fast", "-o", str(tmp_path / "out")]
     )
@@ -32,6 +38,7 @@ def test_a_moving_sun_is_one_track_and_right_between_frames(
     found = json.loads((tmp_path / "out" / "motion.json").read_text())["sun"]["fast"]
     assert found["ratios"]["rule"]["r0.25"] < 0.9
     assert found["ratios"]["maps"]["r0.25"] > 0.9
+    assert found["passages"]
     assert all(one["share"] == 1 for one in found["passages"])
     assert (tmp_path / "out" / "sun.png").stat().st_size > 1000
     printed = capsys.readouterr().out

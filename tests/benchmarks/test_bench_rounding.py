@@ -7,6 +7,7 @@ docs/results/parts-of-a-fit.md has the figures of real maps.
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,9 @@ worker = module("steps.rounding_worker")
 ridge = module("steps.ridge")
 clean_scene = module("shots.clean_scene")
 
+ROWS, LOBES = {"1001": 32, "1030": 16}, {"1001": 4, "1030": 2}
+"""Of the frames of the built-in environment that are fitted in float32 and in float64."""
+
 
 def exponent_rounding(rows: int) -> float:
     """Return what float32 leaves open of the exponent of a lobe as narrow as a texel.
@@ -34,21 +38,41 @@ def exponent_rounding(rows: int) -> float:
     return 6 * (rows / math.pi) ** 2 * 2**-24
 
 
+@pytest.fixture(scope="module")
+def comparison() -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return float32 against float64 by map, and what processes of float64 found: fits, looks."""
+    apart: list[dict[str, Any]] = []
+    worked = rounding.worked
+
+    def kept(given: dict[str, Any], arithmetic: str, device: str) -> dict[str, Any]:
+        found = worked(given, arithmetic, device)
+        if arithmetic == "float64":
+            apart.append(found)
+        return found
+
+    given = {
+        name: rounding.of_map(radiance(SkyConfig(), int(name), rows), LOBES[name])
+        for name, rows in ROWS.items()
+    }
+    with pytest.MonkeyPatch.context() as patch:
+        float32_here(patch)
+        patch.setattr(rounding, "worked", kept)
+        return rounding.compared(given, "float64", "cpu"), apart
+
+
 def test_float32_is_near_to_float64_on_the_built_in_environment(
-    monkeypatch: pytest.MonkeyPatch,
+    comparison: tuple[dict[str, Any], list[dict[str, Any]]],
 ) -> None:
-    float32_here(monkeypatch)
-    rows = 48
-    frames = {str(frame): radiance(SkyConfig(), frame, rows) for frame in (1001, 1030)}
-    given = {name: rounding.of_map(each, lobes=6) for name, each in frames.items()}
-    found = rounding.compared(given, "float64", "cpu")
-    for figures in found.values():
-        assert 0 < figures["shown"] < exponent_rounding(rows)
+    found, _ = comparison
+    assert found.keys() == ROWS.keys()
+    for frame, figures in found.items():
+        most = exponent_rounding(ROWS[frame])
+        assert 0 < figures["shown"] < most
         # a slope is what is left of derivatives that cancel but for a twentieth or so
-        assert 0 < figures["slope"] < 20 * exponent_rounding(rows)
-        assert 0 < figures["matrix"] < 20 * exponent_rounding(rows)
+        assert 0 < figures["slope"] < 20 * most
+        assert 0 < figures["matrix"] < 20 * most
         # J is a mean of norms of what is shown and wrong, which is a tenth of what is shown
-        assert 0 < figures["J"] < 10 * exponent_rounding(rows)
+        assert 0 < figures["J"] < 10 * most
         # the judge's sums of 10^4 texels in float32
         assert figures["irr"] < 1e-3
         assert figures["r0.5"] < 1e-3
@@ -58,16 +82,18 @@ def test_float32_is_near_to_float64_on_the_built_in_environment(
             assert 0.7 < ends < 1.4, name
 
 
-def test_the_process_of_float64_computes_in_float64() -> None:
-    radiance = sky_and_sun(30.0, 16)
-    given = {"sky": rounding.of_map(radiance, lobes=3)}
-    fits = rounding.worked(given, "float64", "cpu")
-    looks = rounding.worked({"sky": given["sky"] | fits["sky"]}, "float64", "cpu")
-    for name in ("slope", "matrix", "shown"):
-        found = looks["sky"][name]
+def test_the_process_of_float64_computes_in_float64(
+    comparison: tuple[dict[str, Any], list[dict[str, Any]]],
+) -> None:
+    _, (fits, looks) = comparison
+    for name in ("axes", "sharpness", "amplitude"):
+        found = fits["1001"][name]
         assert not np.array_equal(found, found.astype(np.float32)), name
-    slope = looks["sky"]["slope"]
-    assert slope.shape == (24,)
+    for name in ("slope", "matrix", "shown"):
+        found = looks["1001"][name]
+        assert not np.array_equal(found, found.astype(np.float32)), name
+    slope = looks["1001"]["slope"]
+    assert slope.shape == (8 * LOBES["1001"],)
     assert np.isfinite(slope).all()
 
 

@@ -48,7 +48,13 @@ def address() -> Iterator[str]:
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
     ) as cluster:
+        for nanny in cluster.workers.values():
+            nanny.instantiate = stay_away
         yield cluster.scheduler_address
+
+
+async def stay_away() -> None:
+    """Start no worker in the place of one that was killed: it would load all once more."""
 
 
 @pytest.fixture(scope="module")
@@ -78,36 +84,6 @@ def on_farm(
         [shot(source, output)], address, chunk=CHUNK, on_progress=on_progress, **options
     )
     assert stages == [str(output)]
-
-
-def test_a_worker_that_is_killed_costs_nothing(
-    source: Path, by_hand: bytes, address: str, tmp_path: Path
-) -> None:
-    """The kernel ends a process that is some frames into a part: no Python of it runs any more."""
-    events: list[Event] = []
-    fitting = lambda dask_worker: any(  # noqa: E731  # a function of this file is not found there
-        task.key.startswith("asglight-fit") for task in dask_worker.state.executing
-    )
-
-    killed: list[str] = []
-
-    def kill_one(event: Event) -> None:
-        if not killed and isinstance(event, Farmed) and event.done >= 4:
-            with distributed.Client(address, set_as_default=False) as client:
-                found = client.run(fitting)
-                killed.extend([name for name, fits in found.items() if fits][:1])
-                for busy in killed:  # none where both only follow the lobes to their parts
-                    os.kill(client.run(os.getpid, workers=[busy])[busy], signal.SIGKILL)
-        events.append(event)
-
-    on_farm(source, tmp_path / "shot.usda", address, kill_one)
-    assert [event for event in events if isinstance(event, Notice) and "begun again" in event.text]
-    assert (tmp_path / "shot.usda").read_bytes() == by_hand
-    done = [event for event in events if isinstance(event, Farmed)]
-    assert (done[-1].done, done[-1].frames) == (32, 32)  # 10 + 12 + 10 frames
-    finished = {event.finished for event in done if event.finished}
-    assert finished == {f"sky {part}" for part in PARTS}
-    assert {path.name for path in tmp_path.iterdir()} == {"shot.usda"}
 
 
 def test_a_run_goes_on_where_an_interrupted_one_stopped(
@@ -272,3 +248,36 @@ def test_the_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     assert "--scheduler tcp://farm:8786 --resume" in out
     assert "--preroll 1001" in out
+
+
+def test_a_worker_that_is_killed_costs_nothing(
+    source: Path, by_hand: bytes, address: str, tmp_path: Path
+) -> None:
+    """The kernel ends a process that is some frames into a part: no Python of it runs any more.
+
+    It is the last test of the cluster, which has one worker from here on.
+    """
+    events: list[Event] = []
+    fitting = lambda dask_worker: any(  # noqa: E731  # a function of this file is not found there
+        task.key.startswith("asglight-fit") for task in dask_worker.state.executing
+    )
+
+    killed: list[str] = []
+
+    def kill_one(event: Event) -> None:
+        if not killed and isinstance(event, Farmed) and event.done >= 4:
+            with distributed.Client(address, set_as_default=False) as client:
+                found = client.run(fitting)
+                killed.extend([name for name, fits in found.items() if fits][:1])
+                for busy in killed:  # none where both only follow the lobes to their parts
+                    os.kill(client.run(os.getpid, workers=[busy])[busy], signal.SIGKILL)
+        events.append(event)
+
+    on_farm(source, tmp_path / "shot.usda", address, kill_one)
+    assert [event for event in events if isinstance(event, Notice) and "begun again" in event.text]
+    assert (tmp_path / "shot.usda").read_bytes() == by_hand
+    done = [event for event in events if isinstance(event, Farmed)]
+    assert (done[-1].done, done[-1].frames) == (32, 32)  # 10 + 12 + 10 frames
+    finished = {event.finished for event in done if event.finished}
+    assert finished == {f"sky {part}" for part in PARTS}
+    assert {path.name for path in tmp_path.iterdir()} == {"shot.usda"}

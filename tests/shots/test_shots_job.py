@@ -2,6 +2,7 @@
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import shot_files
@@ -16,7 +17,7 @@ from asglight.fitting.following.whole_shot import Refinement, refine_shot
 from asglight.fitting.options import FitOptions
 from asglight.lobes import asg
 from asglight.lobes.data import stack
-from asglight.shots import fit_sequence, fit_shot, frames, job
+from asglight.shots import ShotResult, fit_sequence, fit_shot, frames, job
 from asglight.shots.events import Event, FrameDone, Notice, Refined, Started, StepDone
 from asglight.shots.kept.checkpoint import SUFFIX
 from asglight.sphere.quadrature import fibonacci_directions
@@ -33,7 +34,25 @@ def output(tmp_path: Path) -> Path:
     return tmp_path / "out" / "shot.usda"
 
 
-def interrupted(source: Path, output: Path, frames: int) -> None:
+class Whole(NamedTuple):
+    """A shot that nothing broke, and what it told."""
+
+    result: ShotResult
+    stage: Path
+    events: list[Event]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    """Fit the frames of `source`; what is given is only read."""
+    source = sky_files.write_sequence(tmp_path_factory.mktemp("images") / "in")
+    stage = tmp_path_factory.mktemp("whole") / "shot.usda"
+    events: list[Event] = []
+    result = fit_shot(source, stage, shot_files.OPTIONS, fps=25.0, on_progress=events.append)
+    return Whole(result, stage, events)
+
+
+def interrupted(source: Path, output: Path, frames: int, fps: float = 24.0) -> None:
     """Run a shot and interrupt it after some frames."""
     seen: list[FrameDone] = []
 
@@ -44,7 +63,7 @@ def interrupted(source: Path, output: Path, frames: int) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        fit_shot(source, output, shot_files.OPTIONS, on_progress=stop)
+        fit_shot(source, output, shot_files.OPTIONS, fps=fps, on_progress=stop)
 
 
 def test_a_frame_brighter_than_lights_can_be_is_refused(tmp_path: Path) -> None:
@@ -67,10 +86,9 @@ def test_a_shot_is_the_fit_of_its_frames_in_order(source: Path, output: Path) ->
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
 
 
-def test_a_fast_shot_is_refined_between_its_neighbours(source: Path, output: Path) -> None:
-    events: list[Event] = []
-    result = fit_shot(source, output, shot_files.OPTIONS, on_progress=events.append)
-    assert [event for event in events if isinstance(event, Refined)] == [Refined(4, 4)]
+def test_a_fast_shot_is_refined_between_its_neighbours(whole: Whole) -> None:
+    result = whole.result
+    assert [event for event in whole.events if isinstance(event, Refined)] == [Refined(4, 4)]
     images = [torch.from_numpy(sky_files.sky(frame)) for frame in range(1001, 1005)]
     shot = stack([fit.lobes for fit in follow(list(images), shot_files.OPTIONS)])
     lobes, losses = refine_shot(shot, lambda: [[exposed(image) for image in images]], Refinement())
@@ -93,9 +111,8 @@ def test_a_frame_that_changed_between_the_readings_is_told(source: Path, output:
     assert not output.exists()
 
 
-def test_the_stage_holds_the_tracks(source: Path, output: Path) -> None:
-    result = fit_shot(source, output, shot_files.OPTIONS, fps=25.0)
-    tracks = read_usd(output)
+def test_the_stage_holds_the_tracks(whole: Whole) -> None:
+    result, tracks = whole.result, read_usd(whole.stage)
     assert tracks.frames == (1001, 1002, 1003, 1004)
     assert tracks.fps == 25.0
     assert dict(tracks.metadata) == dict(result.tracks.metadata)
@@ -105,15 +122,14 @@ def test_the_stage_holds_the_tracks(source: Path, output: Path) -> None:
     )
 
 
-def test_nothing_is_left_beside_the_stage(source: Path, output: Path) -> None:
-    fit_shot(source, output, shot_files.OPTIONS)
-    assert not [path for path in output.parent.iterdir() if path.name.startswith(".")]
-    assert not output.with_name(output.name + SUFFIX).exists()
+def test_nothing_is_left_beside_the_stage(whole: Whole) -> None:
+    stage = whole.stage
+    assert not [path for path in stage.parent.iterdir() if path.name.startswith(".")]
+    assert not stage.with_name(stage.name + SUFFIX).exists()
 
 
-def test_events_tell_start_frames_and_time_left(source: Path, output: Path) -> None:
-    events: list[Event] = []
-    fit_shot(source, output, shot_files.OPTIONS, on_progress=events.append)
+def test_events_tell_start_frames_and_time_left(whole: Whole) -> None:
+    events = whole.events
     assert events[0] == Started(4, 0)
     done = [event for event in events if isinstance(event, FrameDone)]
     assert [(event.frame, event.position, event.frames) for event in done] == [
@@ -137,16 +153,13 @@ def test_the_paper_preset_tells_its_steps(source: Path, output: Path) -> None:
 
 @pytest.mark.parametrize("frames", [1, 3, 4])
 def test_a_resumed_shot_is_the_unbroken_one_byte_for_byte(
-    source: Path, output: Path, frames: int
+    source: Path, output: Path, whole: Whole, frames: int
 ) -> None:
-    unbroken = output.with_name("unbroken") / output.name
-    unbroken.parent.mkdir()
-    fit_shot(source, unbroken, shot_files.OPTIONS)
-    interrupted(source, output, frames)
+    interrupted(source, output, frames, fps=25.0)
     assert not output.exists()
-    result = fit_shot(source, output, shot_files.OPTIONS, resume=True)
+    result = fit_shot(source, output, shot_files.OPTIONS, fps=25.0, resume=True)
     assert result.resumed == frames
-    assert output.read_bytes() == unbroken.read_bytes()
+    assert output.read_bytes() == whole.stage.read_bytes()
 
 
 def test_starting_afresh_over_a_checkpoint_is_told(source: Path, output: Path) -> None:
@@ -244,9 +257,8 @@ def test_a_fit_that_is_not_finite_is_a_bug_and_is_never_kept(
     assert list(output.parent.iterdir()) == []
 
 
-def test_fit_sequence_gives_the_tracks_of_fit_shot(source: Path, output: Path) -> None:
-    tracks = fit_sequence(source, lobes=2)
-    written = fit_shot(source, output, shot_files.OPTIONS).tracks
+def test_fit_sequence_gives_the_tracks_of_fit_shot(source: Path, whole: Whole) -> None:
+    tracks, written = fit_sequence(source, lobes=2, fps=25.0), whole.result.tracks
     assert torch.equal(tracks.lobes.axes, written.lobes.axes)
     assert torch.equal(tracks.lobes.amplitude, written.lobes.amplitude)
     assert dict(tracks.metadata) == dict(written.metadata)

@@ -2,6 +2,7 @@
 """The faults in short: once or a few times each, and the checks that find what is wrong."""
 
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,8 +12,10 @@ from soak.faults import Bench, Told
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
-    return faults.prepared(tmp_path_factory.mktemp("faults") / "bench", seed=3)
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(faults, "FRAMES", 3)
+        yield faults.prepared(tmp_path_factory.mktemp("faults") / "bench", seed=3)
 
 
 def test_killed_at_random_moments_and_resumed(bench: Bench) -> None:
