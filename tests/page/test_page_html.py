@@ -5,7 +5,6 @@ import json
 import re
 from pathlib import Path
 
-import commands
 import numpy as np
 import pytest
 import sky_files
@@ -141,13 +140,6 @@ def test_the_command_writes_a_page(stage: Path, capsys: pytest.CaptureFixture[st
     out = capsys.readouterr().out
     assert out.startswith("shot.html: 3 lobes of form asg, 2 frames (1002-1003) at 24 fps, ")
     assert document((stage / "shot.html").read_text())["frames"] == [1002, 1003]
-
-
-def test_a_page_is_written_where_no_viewer_is_installed(stage: Path) -> None:
-    hook = "; ".join(f"sys.modules[{one!r}] = None" for one in ("moderngl", "imgui_bundle", "glfw"))
-    line = ["export", "shot.usda", "--to", "html", "-o", "shot.html"]
-    commands.run_asglight(*line, hook=hook)
-    assert document((stage / "shot.html").read_text())["lobeCount"] == 3
 
 
 def test_the_command_reads_the_reference_of_its_frames(

@@ -28,6 +28,7 @@ from asglight.viewer.uniforms import key_cards
 
 LAMP = Rectangle(20, 30, 15, 20, 9)
 ROWS = 64
+SIZE = (180, 36)
 FRAME = FRAMES[0]
 
 MOST = {0.05: 0.06, 0.1: 0.06, 0.25: 0.03}
@@ -76,7 +77,7 @@ def test_balls_under_keys_and_rest_are_those_under_the_image(
     with session_of(stage) as session:
         np.testing.assert_allclose(session.state.camera.from_environment(), np.eye(3), atol=1e-7)
         assert session.state.tracks.names[0].startswith("key")
-        found = balls(opengl, session, (300, 60))
+        found = balls(opengl, session, SIZE)
         size = len(found[0])
         for ball, seen in zip(session.state.balls, found, strict=True):
             if ball.roughness is None:
@@ -91,11 +92,11 @@ def test_a_key_that_is_dimmed_takes_that_much_from_the_balls(
 ) -> None:
     with session_of(stage) as session:
         state = session.state
-        lit = balls(opengl, session, (300, 60))[-1]
+        lit = balls(opengl, session, SIZE)[-1]
         state.history.add(scale_amplitude(0, None, -1.0))
-        dimmed = balls(opengl, session, (300, 60))[-1]
+        dimmed = balls(opengl, session, SIZE)[-1]
         state.toggle_mute(0)
-        dark = balls(opengl, session, (300, 60))[-1]
+        dark = balls(opengl, session, SIZE)[-1]
     np.testing.assert_allclose((lit - dark).sum(), 2 * (dimmed - dark).sum(), rtol=0.01)
     assert (lit - dark).min() > -0.02 * lit.max()  # noise
     assert (lit - dark).sum() > 0.2 * lit.sum()

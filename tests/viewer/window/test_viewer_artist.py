@@ -290,6 +290,7 @@ def test_an_artists_five_minutes(
         write_exr(tmp_path / f"sky.{frame}.exr", texel_means(tracks.lobes[place], 64, 128))
 
     def script(test: Any, driven: Driven) -> None:
+        driven.paints = pictures is not None
         artist = Artist(test, driven, pictures)
         artist.looks("stage")
         for act in ACTS:

@@ -2,20 +2,14 @@
 """Edits that were not saved are kept for the next window on the same stage."""
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
 import windows
-from places import SUPPORT
 from windows import Driven, brighten, press, wait_for
 
-from asglight.lobes import LobeTracks
 from asglight.usd import read_usd
 from asglight.viewer.io.autosave import Autosave
 from asglight.viewer.state.edits.edit import (
@@ -28,62 +22,8 @@ from asglight.viewer.state.edits.edit import (
     scale_amplitude,
     turn,
 )
-from asglight.viewer.state.views import Request
 
 pytestmark = pytest.mark.usefixtures("no_system_dialog")
-
-
-CRASH = """
-import os, sys
-from pathlib import Path
-import windows
-from asglight.usd import read_usd
-from asglight.viewer.state.edits.edit import scale_amplitude
-
-stage, kept = map(Path, sys.argv[1:])
-
-def script(test, driven):
-    driven.state.history.add(scale_amplitude(0, None, 1.0))
-    driven.state.toggle_mute(1)
-    while not list(kept.glob("*.json")):
-        test.yield_()
-    os._exit(9)
-
-windows.drive(read_usd(stage), script, stage=stage, autosaves=kept)
-"""
-
-
-def test_edits_are_offered_after_a_crash(
-    drive_stage: Callable[..., None], stage: Path, tmp_path: Path, two_lamps: LobeTracks
-) -> None:
-    kept = tmp_path / "unsaved"
-    support = SUPPORT
-    path = os.pathsep.join([str(support), os.environ.get("PYTHONPATH", "")])
-    crashed = subprocess.run(
-        [sys.executable, "-c", CRASH, str(stage), str(kept)],
-        env={**os.environ, "PYTHONPATH": path},
-        timeout=60,
-    )
-    assert crashed.returncode == 9
-
-    def script(test: Any, driven: Driven) -> None:
-        question = driven.window.documents.question
-        assert question is not None
-        assert question.text.startswith("asglight ended before 2 edits of shot.usda could be saved")
-        test.yield_(2)
-        press(test, "Restore them")
-        assert driven.state.message == "Restored 2 edits. They are not saved yet."
-        torch.testing.assert_close(
-            driven.state.tracks.lobes.amplitude[:, 0], 2 * two_lamps.lobes.amplitude[:, 0]
-        )
-        assert driven.state.lit == (0,)
-        assert driven.state.history.is_unsaved
-        driven.window.save(Request.SAVE_EDITS, stage.with_name("edits.usda"))
-        wait_for(test, driven, "Saved edits.usda.")
-        test.yield_(3)
-        assert not list(kept.glob("*.json"))  # what is saved is not offered again
-
-    drive_stage(script, autosaves=kept)
 
 
 def test_kept_edits_can_be_discarded(drive_stage: Callable[..., None], tmp_path: Path) -> None:

@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The window at five sizes and in both themes: nothing outside, large balls, readable text."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenImageIO
 import pytest
 import windows
 from imgui_bundle import ImVec2, imgui
-from imgui_bundle.immapp import testing
-from windows import Drive, Driven
+from windows import Drive, Driven, captured
 
 from asglight.lobes import LobeTracks
 from asglight.viewer.gl.arrangement import cells
@@ -31,56 +28,12 @@ SIZES = [
 at scale 2 is laid out as 1920 x 1080 at scale 1, and the screen of GLFW's null platform is no
 larger."""
 
-
-def everywhere(test: Callable[..., None]) -> Callable[..., None]:
-    """Run a test at every size, some in one theme and some in the other."""
-    return pytest.mark.parametrize(("theme", "size", "scale"), SIZES)(test)
-
-
 BALL_EM = 2.8
 """Heights of the font that a ball takes at least: its name fits below it."""
 
 
 def box(test: Any, name: str) -> Any:
     return test.item_info(name).rect_full
-
-
-@everywhere
-def test_everything_is_inside_of_the_window_and_the_balls_are_large_enough(
-    drive: Drive,
-    two_lamps: LobeTracks,
-    tmp_path: Path,
-    size: tuple[int, int],
-    scale: float,
-    theme: Theme,
-) -> None:
-    picture = tmp_path / "window.png"
-
-    def script(test: Any, driven: Driven) -> None:
-        driven.state.theme = theme
-        test.yield_(5)
-        # the window itself: one whose system has less room is smaller than it was asked to be
-        screen = imgui.get_main_viewport().size
-        for name in ("in", "out", "all", "##bar", "###play"):
-            found = box(test, f"Timeline/{name}")
-            panel = test.window_info("Timeline").window
-            assert found.max.x <= panel.pos.x + panel.size.x, name
-            assert found.max.y <= screen.y, name
-        em = imgui.get_font_size()
-        balls = box(test, "Balls/##picture")
-        columns, rows = balls.max.x - balls.min.x, (balls.max.y - balls.min.y) / 2
-        side = cells((int(columns), int(rows)), 6)[0].size
-        assert side >= BALL_EM * em
-        testing.capture(test, str(picture))
-
-    windows.drive(two_lamps, script, with_reference=True, size=size, scale=scale)
-    pixels = OpenImageIO.ImageBuf(str(picture)).get_pixels(OpenImageIO.FLOAT)
-    assert pixels is not None
-    # the menu: its background and its letters are far apart in brightness
-    menu = pixels[2 : int(16 * scale), : int(160 * scale), :3].mean(-1)
-    assert menu.max() - menu.min() > 0.5
-    background = np.median(menu)
-    assert background > 0.7 if theme is Theme.LIGHT else background < 0.3
 
 
 def texts_beside_the_balls(picture: np.ndarray, place: Any, parts: int) -> float:
@@ -100,8 +53,43 @@ def texts_beside_the_balls(picture: np.ndarray, place: Any, parts: int) -> float
     return found
 
 
-@everywhere
-def test_titles_have_a_row_of_their_own_above_the_balls(
+def is_inside(test: Any) -> None:
+    """Hold the ends of the timeline against the window, and the balls against their least size."""
+    # the window itself: one whose system has less room is smaller than it was asked to be
+    screen = imgui.get_main_viewport().size
+    for name in ("in", "out", "all", "##bar", "###play"):
+        found = box(test, f"Timeline/{name}")
+        panel = test.window_info("Timeline").window
+        assert found.max.x <= panel.pos.x + panel.size.x, name
+        assert found.max.y <= screen.y, name
+    balls = box(test, "Balls/##picture")
+    columns, rows = balls.max.x - balls.min.x, (balls.max.y - balls.min.y) / 2
+    assert cells((int(columns), int(rows)), 6)[0].size >= BALL_EM * imgui.get_font_size()
+
+
+def has_colours_of(theme: Theme, picture: np.ndarray, scale: float) -> None:
+    # the menu: its background and its letters are far apart in brightness
+    menu = picture[2 : int(16 * scale), : int(160 * scale)].mean(-1)
+    assert menu.max() - menu.min() > 0.5
+    background = np.median(menu)
+    assert background > 0.7 if theme is Theme.LIGHT else background < 0.3
+
+
+def title(picture: np.ndarray, place: Any) -> np.ndarray:
+    """Return where letters are in the row above the balls.  [H, W]."""
+    em = imgui.get_font_size()
+    top = int(place.min.y)
+    row = picture[int(top - 1.2 * em) : top, int(place.min.x) : int(place.max.x)]
+    ground = np.median(row.reshape(-1, 3), axis=0)
+    written = np.abs(row - ground).max(-1) > 0.3
+    assert written.any()
+    columns = np.flatnonzero(written.any(0))
+    assert columns[-1] < row.shape[1] - 1  # it ends inside of the panel
+    return written
+
+
+@pytest.mark.parametrize(("theme", "size", "scale"), SIZES)
+def test_all_is_inside_of_the_window_with_large_balls_and_titles_above_them(
     drive: Drive,
     two_lamps: LobeTracks,
     tmp_path: Path,
@@ -111,28 +99,19 @@ def test_titles_have_a_row_of_their_own_above_the_balls(
 ) -> None:
     def script(test: Any, driven: Driven) -> None:
         driven.state.theme = theme
-        rows = []
+        test.yield_(5)
+        is_inside(test)
+        titles = []
         for shown, parts in ((Comparison.ROWS, 2), (Comparison.DIFFERENCE, 1)):
             driven.state.compared.comparison = shown
             test.mouse_move_to_pos(ImVec2(5, 5))
             test.yield_(5)
-            path = tmp_path / "window.png"
-            testing.capture(test, str(path))
-            read = OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT)
-            assert read is not None
-            picture = read[..., :3]
+            picture = captured(test, driven, tmp_path / "window.png")
+            has_colours_of(theme, picture, scale)
             place = box(test, "Balls/##picture")
             assert texts_beside_the_balls(picture, place, parts) < 0.02
-            em = imgui.get_font_size()
-            top = int(place.min.y)
-            row = picture[int(top - 1.2 * em) : top, int(place.min.x) : int(place.max.x)]
-            ground = np.median(row.reshape(-1, 3), axis=0)
-            written = np.abs(row - ground).max(-1) > 0.3
-            assert written.any()
-            columns = np.flatnonzero(written.any(0))
-            assert columns[-1] < row.shape[1] - 1  # it ends inside of the panel
-            rows.append(written)
-        assert (rows[0] != rows[1]).any()  # and says which picture it is
+            titles.append(title(picture, place))
+        assert (titles[0] != titles[1]).any()  # it says which picture it is
 
     windows.drive(two_lamps, script, with_reference=True, size=size, scale=scale)
 
@@ -204,13 +183,10 @@ def test_outlines_can_be_hidden(drive: Drive, two_lamps: LobeTracks, tmp_path: P
         for outlines in (Outlines.ALL, Outlines.SELECTED, Outlines.NONE):
             assert driven.state.outlines is outlines
             test.yield_(2)
-            picture = tmp_path / f"{outlines}.png"
-            testing.capture(test, str(picture))
-            found = OpenImageIO.ImageBuf(str(picture)).get_pixels(OpenImageIO.FLOAT)
-            assert found is not None
+            found = captured(test, driven, tmp_path / f"{outlines}.png")
             place = box(test, "Map/##map")
             rows = slice(int(place.min.y), int(place.max.y))
-            seen.append(found[rows, int(place.min.x) : int(place.max.x), :3])
+            seen.append(found[rows, int(place.min.x) : int(place.max.x)])
             test.mouse_move_to_pos(ImVec2(5, 5))
             test.key_press(int(imgui.Key.h))
         assert np.abs(seen[0] - seen[1]).max() > 0.1

@@ -5,11 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenImageIO
 import pytest
 from imgui_bundle import ImVec2, imgui
-from imgui_bundle.immapp import testing
-from windows import Drive, Driven
+from windows import Drive, Driven, captured
 
 from asglight.viewer.state.map_frame import ZOOM_MAX, MapFrame
 
@@ -77,9 +75,7 @@ def test_a_zoomed_map_shows_its_part_larger(drive: Drive, tmp_path: Path) -> Non
             state.map_frame.zoom_at(0.25, 0.25, factor)
             test.mouse_move_to_pos(ImVec2(5, 5))
             test.yield_(3)
-            testing.capture(test, str(tmp_path / "map.png"))
-            pixels = OpenImageIO.ImageBuf(str(tmp_path / "map.png")).get_pixels(OpenImageIO.FLOAT)
-            assert pixels is not None
+            pixels = captured(test, driven, tmp_path / "map.png")
             low, high = at(test, 0, 0), at(test, 1, 1)
             part = pixels[int(low.y) : int(high.y), int(low.x) : int(high.x)]
             shown.append((part[..., 1] > 0.4).sum())  # texels of the green lamp

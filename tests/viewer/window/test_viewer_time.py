@@ -10,8 +10,6 @@ import pytest
 import torch
 import windows
 from imgui_bundle import ImVec2, imgui
-from imgui_bundle.immapp import testing
-from PIL import Image
 from windows import Drive, Driven
 
 from asglight.errors import InputError
@@ -47,11 +45,11 @@ class Running(FixedSource):
         return SourceStatus(0, 0)
 
 
-def accents(picture: Path, box: tuple[int, ...]) -> int:
+def accents(picture: np.ndarray, box: tuple[int, ...]) -> int:
     """Count the pixels of a part of a picture that are of the accent's hue, if not its strength."""
-    pixels = np.asarray(Image.open(picture).convert("RGB").crop(box), dtype=float) / 255
+    left, top, right, bottom = box
     accent = np.array([widgets.ACCENT.x, widgets.ACCENT.y, widgets.ACCENT.z])
-    return int((np.abs(pixels - accent).max(-1) < 0.2).sum())
+    return int((np.abs(picture[top:bottom, left:right] - accent).max(-1) < 0.2).sum())
 
 
 def test_curves_end_where_a_fit_has_not_come_to_yet(tmp_path: Path, two_lamps: LobeTracks) -> None:
@@ -61,7 +59,7 @@ def test_curves_end_where_a_fit_has_not_come_to_yet(tmp_path: Path, two_lamps: L
     half = LobeTracks(frames[:4], 24.0, lobes[:4])
     counted: dict[str, tuple[int, int]] = {}
 
-    def count(test: Any, picture: Path, first: float, last: float) -> list[int]:
+    def count(test: Any, picture: np.ndarray, first: float, last: float) -> list[int]:
         """Count what has the accent in a part of the width of each plot."""
         box = test.window_info("Curves").rect_full
         third, height = (box.max.x - box.min.x) / 3, box.max.y - box.min.y
@@ -75,8 +73,7 @@ def test_curves_end_where_a_fit_has_not_come_to_yet(tmp_path: Path, two_lamps: L
         for name, source in (("half", Running(half)), ("whole", FixedSource(whole))):
             driven.window.session.source = source
             test.yield_(5)
-            picture = tmp_path / f"{name}.png"
-            testing.capture(test, str(picture))
+            picture = windows.captured(test, driven, tmp_path / f"{name}.png")
             # the axis takes a fifth of a plot at most, four of eight frames half of the rest
             begun, not_yet = count(test, picture, 0.25, 0.4), count(test, picture, 0.75, 0.95)
             counted[name] = min(begun), max(not_yet)
@@ -100,10 +97,10 @@ def test_curves_of_another_shot_are_in_view(tmp_path: Path, two_lamps: LobeTrack
         windows.wait_for(test, driven, "Opened other.usda.")
         driven.state.select(0)
         test.yield_(5)
-        testing.capture(test, str(tmp_path / "other.png"))
+        picture = windows.captured(test, driven, tmp_path / "other.png")
         box = test.window_info("Curves").rect_full
         places = box.min.x + 30, box.min.y + 40, box.max.x, box.max.y - 30
-        assert accents(tmp_path / "other.png", tuple(map(int, places))) > 100
+        assert accents(picture, tuple(map(int, places))) > 100
 
     windows.drive(two_lamps, script, opener=opener)
 

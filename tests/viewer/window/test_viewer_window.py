@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The real window, driven by the Dear ImGui test engine on GLFW's null platform: no display."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,20 +8,20 @@ from typing import Any
 
 import moderngl
 import numpy as np
-import OpenImageIO
 import pytest
 from imgui_bundle import ImVec2, imgui
-from imgui_bundle.immapp import testing
-from windows import Drive, Driven
+from windows import Drive, Driven, captured
 
 from asglight.lobes import LobeTracks
-from asglight.viewer.io.screenshot import window_picture
+from asglight.viewer import running
+from asglight.viewer.io.screenshot import use_no_display, window_picture
 from asglight.viewer.state.display import Channel, Comparison, ViewTransform
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.time.playback import Pace
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Theme
+from asglight.viewer.window import Window
 
 
 def bar_point(test: Any, share: float) -> ImVec2:
@@ -234,42 +233,6 @@ def test_the_ground_behind_docked_panels_has_the_colour_of_the_theme(two_lamps: 
     assert ground > 0.3
 
 
-OLD_OPENGL = """
-from imgui_bundle import imgui
-import torch
-from asglight.errors import InputError
-from asglight.lobes import Lobes, LobeTracks
-from asglight.viewer.io.screenshot import window_picture
-from asglight.viewer.state.session import Session
-from asglight.viewer.state.source import FixedSource
-from asglight.viewer.state.viewer_state import ViewerState
-
-lobes = Lobes(torch.eye(3)[None, None], torch.ones(1, 1, 2), torch.ones(1, 1, 3))
-tracks = LobeTracks((1,), 24.0, lobes)
-try:
-    window_picture(Session(ViewerState(tracks), FixedSource(tracks), "test"), (64, 32))
-except InputError as error:
-    print(error)
-"""
-
-
-def test_window_on_an_old_opengl_is_explained(opengl: moderngl.Context) -> None:
-    if "Mesa" not in opengl.info["GL_VERSION"]:
-        pytest.skip("only Mesa can be told to offer an older OpenGL")
-    result = subprocess.run(
-        [sys.executable, "-c", OLD_OPENGL],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "MESA_GL_VERSION_OVERRIDE": "3.3"},
-        timeout=60,
-        check=True,
-    )
-    assert result.stdout == (
-        "window: cannot be opened; expected OpenGL 4.1 or later. "
-        "Update the graphics driver; --check says what it has.\n"
-    )
-
-
 def centroid(channel: np.ndarray) -> np.ndarray:
     """Return row and column of the centre of what is brighter than half, [H, W] in 0 to 1."""
     return np.argwhere(channel > 0.5).mean(axis=0)
@@ -278,23 +241,21 @@ def centroid(channel: np.ndarray) -> np.ndarray:
 def test_map_is_upright_and_follows_the_frame(
     drive: Drive, two_lamps: LobeTracks, tmp_path: Path
 ) -> None:
-    boxes = []
+    boxes, seen = [], []
 
     def script(test: Any, driven: Driven) -> None:
         test.yield_(3)
         boxes.append(test.item_info("Map/##map").rect_full)
-        testing.capture(test, str(tmp_path / "first.png"))
+        seen.append(captured(test, driven, tmp_path / "first.png"))
         driven.state.playback.go_to(1004)
         test.yield_(3)
-        testing.capture(test, str(tmp_path / "last.png"))
+        seen.append(captured(test, driven, tmp_path / "last.png"))
 
     drive(script)
     box = boxes[0]
     lamps = []
-    for name in ("first.png", "last.png"):
-        pixels = OpenImageIO.ImageBuf(str(tmp_path / name)).get_pixels(OpenImageIO.FLOAT)
-        assert pixels is not None
-        window = pixels[int(box.min.y) : int(box.max.y), int(box.min.x) : int(box.max.x), :3]
+    for pixels in seen:
+        window = pixels[int(box.min.y) : int(box.max.y), int(box.min.x) : int(box.max.x)]
         red, green, blue = np.moveaxis(window, -1, 0)
         size = np.array(red.shape)
         lamps.append((centroid(green - red - blue) / size, centroid(red - green - blue) / size))
@@ -306,49 +267,38 @@ def test_map_is_upright_and_follows_the_frame(
     np.testing.assert_allclose(red_later, [0.75, 0.75], atol=0.02)
 
 
-NO_SETTINGS = """
-from imgui_bundle import hello_imgui
-import glfw
-import torch
-from asglight.lobes import Lobes, LobeTracks
-from asglight.viewer import running
-from asglight.viewer.io import screenshot
-from asglight.viewer.state.session import Session
-from asglight.viewer.state.source import FixedSource
-from asglight.viewer.state.viewer_state import ViewerState
-from asglight.viewer.window import Window
-
-lobes = Lobes(torch.eye(3)[None, None], torch.ones(1, 1, 2), torch.ones(1, 1, 3))
-tracks = LobeTracks((1,), 24.0, lobes)
-screenshot.use_no_display()
-window = Window(Session(ViewerState(tracks), FixedSource(tracks), "test"), lambda path: None)
-before, pictures = window.before_picture, []
-window.before_picture = lambda: (before(), pictures.append(1), len(pictures) > 3 and window.leave())
-running.run(window, (300, 200))
-print(window.state.message)
-"""
-
-
 def test_settings_that_cannot_be_kept_are_said_and_the_window_opens(
-    opengl: moderngl.Context, tmp_path: Path
+    opengl: moderngl.Context,
+    two_lamps: LobeTracks,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     home = tmp_path / "home"
     home.write_text("no folder")
-    result = subprocess.run(
-        [sys.executable, "-c", NO_SETTINGS],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "HOME": str(home), "XDG_CONFIG_HOME": str(home)},
-        timeout=60,
-    )
-    assert "cannot be written (Not a directory); settings, layout" in result.stdout, result.stderr
-    assert result.returncode == 0
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(home))
+    use_no_display()
+    session = Session(ViewerState(two_lamps), FixedSource(two_lamps), "test")
+    window, pictures = Window(session, lambda path: None), []
+    before = window.before_picture
+
+    def counted() -> None:
+        before()
+        pictures.append(1)
+        if len(pictures) > 3:
+            window.leave()
+
+    window.before_picture = counted
+    running.run(window, (300, 200))
+    opengl.__enter__()
+    assert len(pictures) > 3
+    message = session.state.message
+    assert message.startswith(f"{home}/")
+    assert "cannot be written (Not a directory); settings, layout" in message
 
 
 def test_a_folder_for_settings_is_made(tmp_path: Path) -> None:
-    from asglight.viewer.running import settings_finding
-
-    assert settings_finding(tmp_path / "new" / "asglight") == ""
+    assert running.settings_finding(tmp_path / "new" / "asglight") == ""
     assert list((tmp_path / "new" / "asglight").iterdir()) == []
 
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two fits of a shot, A and B, in the real window and headless."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -181,13 +179,13 @@ def test_b_is_opened_flipped_to_and_closed_in_the_window(
     opengl.__enter__()
 
 
+@pytest.mark.usefixtures("opengl")
 def test_headless_a_and_b_are_in_one_picture(two_lamps: LobeTracks, tmp_path: Path) -> None:
-    a, b, out = (tmp_path / name for name in ("a.usda", "b.usda", "ab.png"))
-    write_usd(two_lamps, a)
-    write_usd(other(two_lamps, 0.0).tracks, b)
-    code = "import sys; from asglight.cli.main import main; sys.exit(main(sys.argv[1:]))"
-    options = ["--against", str(b), "--screenshot", str(out), "--bare", "--size", "360x180"]
-    subprocess.run([sys.executable, "-c", code, "view", str(a), *options], check=True)
+    a, b, out = (str(tmp_path / name) for name in ("a.usda", "b.usda", "ab.png"))
+    write_usd(two_lamps, Path(a))
+    write_usd(other(two_lamps, 0.0).tracks, Path(b))
+    options = ["--against", b, "--screenshot", out, "--bare", "--size", "360x180"]
+    assert main(["view", a, *options]) == 0
     pixels = np.asarray(Image.open(out).convert("RGB"), dtype=int)
     is_green = pixels[..., 1] - pixels[..., 0] > 60  # labels are white
     assert is_green[:80].sum() > 100  # the lamp of A

@@ -10,13 +10,13 @@ import pytest
 import torch
 import windows
 from bench_scripts import module
-from commands import run_asglight
 from imgui_bundle import ImVec2, imgui
 from key_cases import Rectangle, corner_error, with_lamps
 from keyed_stages import FRAMES, write
 from pxr import Usd
 from windows import Driven, map_point, wait_for
 
+from asglight.cli.main import main
 from asglight.cli.sources.opening import opened_in_window
 from asglight.images import read_latlong, write_exr
 from asglight.lobes import LobeTracks, asg
@@ -69,7 +69,7 @@ def lamp(driven: Driven, key: int) -> Any:
 
 
 def test_keys_are_named_resized_muted_deleted_added_saved_and_opened_again(
-    drive: Callable[..., None], stage: Path
+    drive: Callable[..., None], stage: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     layer = stage.parent / "edits.usda"
     cut = read_keys(stage)
@@ -132,7 +132,8 @@ def test_keys_are_named_resized_muted_deleted_added_saved_and_opened_again(
         assert state.lit == (0, 1)
 
     drive(script)
-    told = run_asglight("info", layer).stdout
+    assert main(["info", str(layer)]) == 0
+    told = capsys.readouterr().out
     assert f"edited: /AsgRig/Keys/{names[0]}: invisible" in told
     assert f"edited: /AsgRig/Keys/{names[1]}: switched off" in told
 
