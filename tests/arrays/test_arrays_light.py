@@ -105,7 +105,7 @@ def test_balls_are_those_of_brute_force() -> None:
     size = 64
     found = asglight.balls(SHOT, 1002.5, roughness=(0.25, 0.5, 1.0, None), size=size)
     assert found.shape == (4, size, size, 3)
-    wide = asglight.latlong(SHOT, 256, 1002.5).float()
+    wide = asglight.latlong(SHOT, 128, 1002.5).float()
     (wanted,) = render_balls(wide[None], (0.25, 0.5, 1.0), size=size)
     inside = coverage(size) > 0.99
     for ball, truth in zip(found, wanted, strict=False):
@@ -172,8 +172,8 @@ def test_radiance_and_irradiance_are_differentiable(form: Form) -> None:
 
 
 def test_maps_and_balls_are_differentiable() -> None:
-    assert gradients(lambda shot: asglight.latlong(shot, 3, 1001.5))
-    assert gradients(lambda shot: asglight.balls(shot, 1001.5, roughness=(0.5, None), size=3))
+    assert gradients(lambda shot: asglight.latlong(shot, 2, 1001.5))
+    assert gradients(lambda shot: asglight.balls(shot, 1001.5, roughness=(0.5, None), size=2))
 
 
 def test_radiance_is_differentiable_to_the_directions() -> None:

@@ -9,21 +9,24 @@ from elsewhere import DEVICE, Elsewhere, watched
 from lobe_cases import sky_and_sun
 
 from asglight.fitting.first_frame import fit as first_frame
+from asglight.fitting.first_frame import flat_tops, reweighting, seeding, split_merge
 from asglight.fitting.first_frame.fit import Level, fit_first_frame
 from asglight.fitting.following.next_frame import LIVE, fit_next_frame
 from asglight.fitting.following.whole_shot import Refinement, refine_shot
 from asglight.fitting.loss.objective import Corners
 from asglight.fitting.steps import newton
-from asglight.fitting.stills import fit_stills, fits
+from asglight.fitting.stills import fit_stills, fits, splitting
+from asglight.fitting.stills import reweighting as stills_reweighting
 from asglight.lobes import Form
 from asglight.lobes.data import stack
 
-SHORT = first_frame.FirstFrameSettings(
-    (None, 4.0), (Level(2, Corners(), rounds=1),), (0.5,) * 5, 1, again=1
-)
+LEVELS = (Level(1, Corners(), rounds=1),)
+SHORT = first_frame.FirstFrameSettings((None, 4.0), LEVELS, (0.5,) * 5, 1, again=1)
 
-MIDDLING = first_frame.FirstFrameSettings((4.0,), (Level(2, Corners(), rounds=1),), (9.0,) * 5, 1)
+MIDDLING = first_frame.FirstFrameSettings((4.0,), LEVELS, (9.0,) * 5, 1)
 """Nothing lags behind."""
+
+REFINEMENT = Refinement(steps=2)
 
 pytestmark = pytest.mark.usefixtures("torch_steps")
 
@@ -31,6 +34,18 @@ pytestmark = pytest.mark.usefixtures("torch_steps")
 @pytest.fixture(autouse=True)
 def _without_graphs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(newton, "REPLAYED_FRAMES", 0)
+
+
+@pytest.fixture(autouse=True)
+def _few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take each kind of step, once or twice: all of a kind are on the same device."""
+    for module in (split_merge, splitting):
+        for name in ("SETTLING_STEPS", "TRIAL_STEPS", "STEPS"):
+            monkeypatch.setattr(module, name, 1)
+    for module in (reweighting, stills_reweighting, flat_tops):
+        monkeypatch.setattr(module, "STEPS", 1)
+    for name in ("EM_STEPS", "EVEN_STEPS"):
+        monkeypatch.setattr(seeding, name, 2)
 
 
 @pytest.mark.slow
@@ -64,10 +79,8 @@ def test_the_pass_over_a_shot_stays_on_the_device() -> None:
         yield [first_frame.exposed(each.to(DEVICE)) for each in maps]
 
     with watched(), torch.inference_mode():
-        _, losses = refine_shot(shot, there, Refinement())
-    expected = refine_shot(
-        shot, lambda: [[first_frame.exposed(each) for each in maps]], Refinement()
-    )
+        _, losses = refine_shot(shot, there, REFINEMENT)
+    expected = refine_shot(shot, lambda: [[first_frame.exposed(each) for each in maps]], REFINEMENT)
     # there every step is taken, here none after one that gains too little
     assert losses == pytest.approx(expected[1], rel=3e-2)
 

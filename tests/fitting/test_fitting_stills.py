@@ -2,6 +2,7 @@
 """Many maps side by side come to what each comes to by itself."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -9,12 +10,12 @@ from lobe_cases import alike, noise, sky_and_sun, target
 from torch import Tensor
 
 from asglight.fitting.first_frame import reweighting, seeding, split_merge
-from asglight.fitting.first_frame.fit import exposed
+from asglight.fitting.first_frame.fit import FAST, exposed, fit_first_frame, soft_to_sharp
 from asglight.fitting.loss import lobe_images, objective
 from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import fit_frame
 from asglight.fitting.steps import newton
-from asglight.fitting.stills import fit_stills
+from asglight.fitting.stills import fit_stills, fits
 from asglight.fitting.stills.frames import picked, put, with_weights
 from asglight.fitting.stills.reweighting import balanced_each
 from asglight.fitting.stills.splitting import split_and_merge_each
@@ -32,9 +33,11 @@ def _maps(height: int = 32, count: int = 3) -> list[Tensor]:
 
 
 @pytest.mark.parametrize("form", [Form.ASG, Form.SG, Form.FLAT])
-def test_stills_are_as_good_as_one_by_one(form: Form) -> None:
+def test_stills_are_as_good_as_one_by_one(form: Form, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = _maps() if form is Form.ASG else _maps(16, 2)
-    alone = [fit_frame(each, FitOptions(4, form=form), None) for each in maps]
+    if form is not Form.ASG:
+        monkeypatch.setattr(fits, "SETTINGS", replace(FAST, levels=soft_to_sharp(rounds=1)))
+    alone = [fit_first_frame(each, 4, form, fits.SETTINGS) for each in maps]
     for fit, single, reference in zip(fit_stills(maps, 4, form), alone, maps, strict=True):
         found, expected = (frame_errors(each.lobes, reference).values for each in (fit, single))
         # steps go on while other maps gain by them, which may lead a little further

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rectangles that are lamps: the card found is the rectangle, wherever it is."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import torch
@@ -26,6 +28,12 @@ PLACES = {
 }
 
 
+@cache
+def lit_by(lamp: Rectangle) -> torch.Tensor:
+    """Return the map of a lamp, which tests share."""
+    return with_lamps(ROWS, lamp)
+
+
 def cut_of(radiance: torch.Tensor) -> FrameCut:
     masks = []
     for one in sightings(radiance):
@@ -37,7 +45,7 @@ def cut_of(radiance: torch.Tensor) -> FrameCut:
 
 @pytest.mark.parametrize("lamp", PLACES.values(), ids=PLACES.keys())
 def test_the_card_of_a_rectangle_is_the_rectangle(lamp: Rectangle) -> None:
-    found = cut_of(with_lamps(ROWS, lamp))
+    found = cut_of(lit_by(lamp))
     assert len(found.keys) == 1
     key = found.keys[0]
     assert key is not None
@@ -52,7 +60,7 @@ def test_the_card_of_a_rectangle_is_the_rectangle(lamp: Rectangle) -> None:
 def test_a_card_that_holds_a_lamp_has_its_turn_and_not_much_more_than_its_size(
     lamp: Rectangle,
 ) -> None:
-    radiance = with_lamps(ROWS, lamp)
+    radiance = lit_by(lamp)
     [one] = sightings(radiance)
     mask = np.zeros(radiance.shape[:2], dtype=bool)
     mask.ravel()[one.place] = True

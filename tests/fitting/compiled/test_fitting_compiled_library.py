@@ -23,6 +23,14 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Compile the library into a folder of its own."""
+    target = tmp_path_factory.mktemp("library") / compiled.NAME
+    assert library.compile_library(Path(compiled.__file__).parent, target) is None
+    return target
+
+
 @pytest.mark.parametrize(
     "other",
     [
@@ -52,11 +60,10 @@ def test_without_the_library_steps_are_those_of_torch(
 
 
 def test_a_library_of_other_sources_is_not_used(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, made: Path
 ) -> None:
-    for source in Path(compiled.__file__).parent.glob("*.[ch]"):
+    for source in (*Path(compiled.__file__).parent.glob("*.[ch]"), made):
         shutil.copy(source, tmp_path)
-    assert library.compile_library(tmp_path, tmp_path / compiled.NAME) is None
     monkeypatch.setattr(compiled, "__file__", str(tmp_path / "__init__.py"))
     assert compiled.load() is not None
     with (tmp_path / "steps.c").open("a") as changed:
@@ -70,12 +77,9 @@ def test_a_processor_that_is_too_old_is_left_to_torch(monkeypatch: pytest.Monkey
     assert compiled.load() is None
 
 
-def test_the_library_is_compiled_and_put_in_place_whole(tmp_path: Path) -> None:
-    target = tmp_path / compiled.NAME
-    place = Path(compiled.__file__).parent
-    assert library.compile_library(place, target) is None
-    assert [path.name for path in tmp_path.iterdir()] == [compiled.NAME]
-    code = f"import ctypes; ctypes.CDLL({str(target)!r}).asglight_probe"
+def test_the_library_is_compiled_and_put_in_place_whole(made: Path) -> None:
+    assert [path.name for path in made.parent.iterdir()] == [compiled.NAME]
+    code = f"import ctypes; ctypes.CDLL({str(made)!r}).asglight_probe"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

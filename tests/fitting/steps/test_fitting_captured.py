@@ -54,12 +54,12 @@ def tapes(monkeypatch: pytest.MonkeyPatch) -> _Tapes:
 def _case(form: Form = Form.ASG, frames: int = 1, held: bool = False, seed: int = 0) -> Case:
     """Return lobes, maps and what else steps are given; another seed gives others of their kind."""
     lobes = alike(form, seeds=tuple(range(seed, seed + frames)))
-    maps = noise(64, frames + seed)[seed:]
+    maps = noise(32, frames + seed)[seed:]
     others: dict = {}
     if held:
         before = alike(form, seeds=tuple(range(seed + 20, seed + 20 + frames)))
         others["priors"] = [temporal.prior(before, 0.05), temporal.prior(lobes)]
-    return lobes, target(maps, 32, 8), others
+    return lobes, target(maps, 16, 8), others
 
 
 def _on_host(case: Case, steps: int, **others) -> newton.Outcome:
@@ -77,8 +77,17 @@ def _assert_same(found: object, expected: object) -> None:
         assert torch.equal(one, other)
 
 
-@pytest.mark.parametrize("form", list(Form))
-@pytest.mark.parametrize(("frames", "held"), [(1, False), (4, False), (1, True), (4, True)])
+@pytest.mark.parametrize(
+    ("form", "frames", "held"),
+    [
+        (Form.ASG, 1, False),
+        (Form.ASG, 4, True),
+        (Form.BINGHAM, 4, False),
+        (Form.SG, 1, True),
+        (Form.FLAT, 1, False),
+        (Form.FLAT, 4, True),
+    ],
+)
 def test_replayed_steps_are_those_of_the_host(
     tapes: _Tapes, form: Form, frames: int, held: bool
 ) -> None:
@@ -117,8 +126,8 @@ OTHERS: list[Callable[[Case], Case]] = [
     lambda case: (case[0], replace(case[1], corners=objective.Corners(0.2, 0.01)), case[2]),
     lambda case: (case[0], case[1], {"width_min": 0.2}),
     lambda case: (case[0], case[1], {"priors": [temporal.prior(case[0])]}),
-    lambda case: (case[0], target(noise(64), 32, 9), case[2]),
-    lambda case: (case[0], target(noise(32), 32), case[2]),
+    lambda case: (case[0], target(noise(32), 16, 9), case[2]),
+    lambda case: (case[0], target(noise(16), 16), case[2]),
     lambda case: (case[0].select(torch.arange(4)), case[1], case[2]),
     lambda case: (replace(case[0], form=Form.BINGHAM), case[1], case[2]),
     lambda case: (case[0], case[1].repeated(1), case[2]),
