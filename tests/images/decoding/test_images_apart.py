@@ -198,10 +198,8 @@ def test_threads_have_a_process_each(tmp_path: Path) -> None:
     assert decoder._idle == []
 
 
-def test_memory_that_cannot_be_had_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(APART, "_idle", [])  # a process that has read has memory
+def test_memory_that_cannot_be_had_is_one_line(tmp_path: Path) -> None:
+    APART.close()  # a process that has read has memory
     sequence = open_sequence(image_files.constant(tmp_path / "a.exr", 1))
     message = r"^memory: 768 bytes for rows of an image cannot be had \(File.*$"
     with pytest.raises(InputError, match=message), full_beyond(100):
