@@ -83,8 +83,7 @@ def render_balls(
     Against brute force in float64, at 96 pixels: a white map within 0.1 % of the exact albedo; a
     lamp of 1.4 degrees, its highlight and 24 pixels around it together, within 4 % at roughness
     0.05, 1 % at 0.1, 2 % at 0.25 and 1 % at 0.5. Single pixels beside the highlight are off by up
-    to 30 % for the sharp balls, where the radiance falls tenfold from pixel to pixel. Ten maps of
-    256 x 512 and five balls take 20 to 28 s on one core.
+    to 30 % for the sharp balls, where the radiance falls tenfold from pixel to pixel.
 
     Args:
         maps: Latlong radiance, all of one size.  [K, H, W, 3]

@@ -35,7 +35,7 @@ class _Tables(HTMLParser):
     def __init__(self) -> None:
         super().__init__()
         self.found: list[list[list[str]]] = []
-        self._is_bold = False
+        self._is_bold = self._is_in_cell = False
 
     def handle_starttag(self, tag: str, attrs: Any) -> None:
         if tag == "table":
@@ -44,14 +44,16 @@ class _Tables(HTMLParser):
             self.found[-1].append([])
         elif tag in ("td", "th"):
             self.found[-1][-1].append("")
+            self._is_in_cell = True
         self._is_bold |= tag in ("b", "strong")
 
     def handle_endtag(self, tag: str) -> None:
         self._is_bold &= tag not in ("b", "strong")
+        self._is_in_cell &= tag not in ("td", "th")
 
     def handle_data(self, data: str) -> None:
         text = data.strip()
-        if text and self.found and self.found[-1] and self.found[-1][-1]:
+        if text and self._is_in_cell:
             self.found[-1][-1][-1] += f"**{text}**" if self._is_bold else text
 
 

@@ -215,7 +215,8 @@ def test_patterns_are_expanded_and_places_filled(tmp_path: Path) -> None:
 
 
 def test_tables_are_read_of_html() -> None:
-    page = "<table><tr><th>map</th><th>irr</th></tr><tr><td>a</td><td><b>0.1</b></td></tr></table>"
+    table = "<table><tr><th>map</th><th>irr</th></tr><tr><td>a</td><td><b>0.1</b></td></tr></table>"
+    page = f"<p>Errors.</p>{table}<p>None is ahead.</p><svg><text>irr</text></svg>"
     assert read_tables(page, ".html", None) == ["| map | irr |\n| --- | --: |\n| a | **0.1** |"]
 
 
