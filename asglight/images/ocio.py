@@ -178,7 +178,7 @@ def _processor(source: str, target: str) -> "PyOpenColorIO.CPUProcessor":
     """Return what converts colours; OpenImageIO's `colorconvert` reads the config at each call."""
     import PyOpenColorIO  # few images need it
 
-    every = PyOpenColorIO.Config.CreateFromBuiltinConfig(CONFIG.removeprefix("ocio://"))
+    every = PyOpenColorIO.Config.CreateFromFile(CONFIG)
     return every.getProcessor(source, target).getDefaultCPUProcessor()
 
 

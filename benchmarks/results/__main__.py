@@ -10,6 +10,7 @@ Examples:
 """
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -74,7 +75,8 @@ def made(wanted: Sequence[Part], options: argparse.Namespace) -> list[str]:
     """Make parts one after the other, and return what failed; the others go on."""
     console = Console(stderr=True, highlight=False)
     where = here(options.root)
-    places = {name: str(Path(getattr(options, name)).resolve()) for name in PLACES}
+    # what a command says of its input is in pages, which know no folders of a machine
+    places = {name: os.path.relpath(getattr(options, name), options.root) for name in PLACES}
     failed: list[str] = []
     for number, part in enumerate(wanted, 1):
         console.print(f"{number}/{len(wanted)} {part.name}: {part.shown()}", markup=False)

@@ -49,19 +49,19 @@ class Part:
         places = {**PLACES, "output": f"results-output/{self.name}"}
         return " && ".join(command.format(**places) for command in self.commands)
 
-    def words(self, places: dict[str, str], output: Path) -> list[list[str]]:
-        """Return the commands as they are run, by this Python."""
+    def words(self, places: dict[str, str], output: Path, root: Path) -> list[list[str]]:
+        """Return the commands as they are run, by this Python; paths are relative to the root."""
         filled = [command.format(**places, output=output) for command in self.commands]
-        return [_by_this_python(shlex.split(command)) for command in filled]
+        return [_by_this_python(shlex.split(command), root) for command in filled]
 
 
-def _by_this_python(words: list[str]) -> list[str]:
+def _by_this_python(words: list[str], root: Path) -> list[str]:
     """Return a command as it is run: patterns of files expanded, programs those of this Python."""
     own = {
         "python": [sys.executable],
         "asglight": [sys.executable, "-c", "from asglight.cli.main import main as m; exit(m())"],
     }
-    files = [sorted(glob(word)) or [word] for word in words[1:]]
+    files = [sorted(glob(word, root_dir=root)) or [word] for word in words[1:]]
     return [*own.get(words[0], [words[0]]), *chain.from_iterable(files)]
 
 

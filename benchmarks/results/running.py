@@ -2,6 +2,7 @@
 """Run a part and put what it made into the pages."""
 
 import datetime
+import os
 import shutil
 import subprocess
 from dataclasses import dataclass, replace
@@ -100,7 +101,7 @@ def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Wh
     """
     output.mkdir(parents=True, exist_ok=True)
     printed = ""
-    for words in part.words(places, output):
+    for words in part.words(places, Path(os.path.relpath(output, root)), root):
         run = subprocess.run(words, cwd=root, stdout=subprocess.PIPE, text=True, check=False)
         printed = run.stdout
         if run.returncode:

@@ -204,14 +204,26 @@ def test_a_part_that_is_none_is_refused(capsys: pytest.CaptureFixture[str]) -> N
     assert "part: 'nonsense'; expected some of " in capsys.readouterr().err
 
 
-def test_patterns_are_expanded_and_places_filled(tmp_path: Path) -> None:
+def test_patterns_are_expanded_from_the_root_and_places_filled(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
     for name in "ba":
-        (tmp_path / f"{name}.exr").touch()
+        (tmp_path / "in" / f"{name}.exr").touch()
     (tmp_path / "parts.toml").write_text("[p]\ncommands = ['tool {maps}/*.exr -o {output}']\n")
     (part,) = chosen(read_parts(tmp_path / "parts.toml"), [])
-    places = {"maps": str(tmp_path), "sequences": "", "sequences2x": ""}
-    words = part.words(places, Path("out"))[0]
-    assert words == ["tool", str(tmp_path / "a.exr"), str(tmp_path / "b.exr"), "-o", "out"]
+    places = {"maps": "in", "sequences": "", "sequences2x": ""}
+    words = part.words(places, Path("out"), tmp_path)[0]
+    assert words == ["tool", "in/a.exr", "in/b.exr", "-o", "out"]
+
+
+def test_what_a_command_says_of_its_input_names_no_folder_of_the_machine(tmp_path: Path) -> None:
+    maps = tmp_path / "maps"
+    prints = "python -c 'import sys; print(sys.argv[1:])' {maps} {output}"
+    page = "<!-- made by: x [p.picture] -->\n\n![a](b)\n\n<!-- end -->\n"
+    root = tmp_path / "root"
+    repository(root, page, f"[p]\ncommands = [{json.dumps(prints)}]\n")
+    run(root, "--rename", "--maps", str(maps))
+    assert run(root, "--maps", str(maps)) == 0
+    assert (root / "out" / "p" / "stdout.txt").read_text() == "['../maps', 'out/p']\n"
 
 
 def test_tables_are_read_of_html() -> None:

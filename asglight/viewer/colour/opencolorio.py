@@ -9,9 +9,9 @@ import functools
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import ModuleType
 
 import numpy as np
+import PyOpenColorIO
 
 from asglight.errors import InputError
 from asglight.viewer.state.display import ColourView, ViewTransform
@@ -138,56 +138,57 @@ def shown(view: ColourView, radiance: np.ndarray) -> np.ndarray:
 
 @functools.lru_cache(maxsize=16)
 def _view_shader(view: ColourView, studio: str) -> ViewShader:
-    ocio = _library()
-    description = ocio.GpuShaderDesc.CreateShaderDesc(
-        language=ocio.GPU_LANGUAGE_GLSL_4_0, functionName=FUNCTION, resourcePrefix="ocio_"
+    description = PyOpenColorIO.GpuShaderDesc.CreateShaderDesc(
+        language=PyOpenColorIO.GPU_LANGUAGE_GLSL_4_0, functionName=FUNCTION, resourcePrefix="ocio_"
     )
     description.setAllowTexture1D(False)  # moderngl has none of one dimension
     _processor(view, studio).getDefaultGPUProcessor().extractGpuShaderInfo(description)
     tables = []
     for texture in description.getTextures():
-        channels = 1 if texture.channel == ocio.GpuShaderDesc.TEXTURE_RED_CHANNEL else 3
+        channels = 1 if texture.channel == PyOpenColorIO.GpuShaderDesc.TEXTURE_RED_CHANNEL else 3
         values = np.array(texture.getValues(), np.float32)
         tables.append(
             Table(
                 texture.samplerName,
                 values.reshape(texture.height, texture.width, channels),
-                texture.interpolation != ocio.INTERP_NEAREST,
+                texture.interpolation != PyOpenColorIO.INTERP_NEAREST,
             )
         )
     for texture in description.get3DTextures():
         side = texture.edgeLen
         values = np.array(texture.getValues(), np.float32).reshape(side, side, side, 3)
-        is_linear = texture.interpolation != ocio.INTERP_NEAREST
+        is_linear = texture.interpolation != PyOpenColorIO.INTERP_NEAREST
         tables.append(Table(texture.samplerName, values, is_linear))
     return ViewShader(description.getShaderText(), tuple(tables))
 
 
 def _processor(view: ColourView, studio: str):
     """Return the way from linear Rec.709 to a display."""
-    ocio, config = _library(), _config(view.config, studio)
+    config = _config(view.config, studio)
     try:
-        return config.getProcessor(_transform(ocio, config, view))
-    except (ocio.Exception, ocio.ExceptionMissingFile) as error:
+        return config.getProcessor(_transform(config, view))
+    except (PyOpenColorIO.Exception, PyOpenColorIO.ExceptionMissingFile) as error:
         raise InputError(
             f"view {view}: OpenColorIO cannot make it ({_line(error)}). Choose another view."
         ) from error
 
 
-def _transform(ocio: ModuleType, config, view: ColourView):
+def _transform(config, view: ColourView):
     """Return how a config shows linear Rec.709: by its own colour space, or by the interchange."""
     if config.getColorSpace(_LINEAR_REC709) is not None:
-        return ocio.DisplayViewTransform(_LINEAR_REC709, view.display, view.view)
-    if not config.hasRole(ocio.ROLE_INTERCHANGE_SCENE):
+        return PyOpenColorIO.DisplayViewTransform(_LINEAR_REC709, view.display, view.view)
+    if not config.hasRole(PyOpenColorIO.ROLE_INTERCHANGE_SCENE):
         raise InputError(
             f"{view.config}: the config has neither a colour space {_LINEAR_REC709!r} nor the role "
             "aces_interchange; expected one of them. Add the role to the config."
         )
-    built_in = ocio.Config.CreateFromFile(next(iter(BUILT_IN.values())))
+    built_in = PyOpenColorIO.Config.CreateFromFile(next(iter(BUILT_IN.values())))
     to_aces = built_in.getProcessor(_LINEAR_REC709, _INTERCHANGE).createGroupTransform()
-    group = ocio.GroupTransform(list(to_aces))
+    group = PyOpenColorIO.GroupTransform(list(to_aces))
     group.appendTransform(
-        ocio.DisplayViewTransform(ocio.ROLE_INTERCHANGE_SCENE, view.display, view.view)
+        PyOpenColorIO.DisplayViewTransform(
+            PyOpenColorIO.ROLE_INTERCHANGE_SCENE, view.display, view.view
+        )
     )
     return group
 
@@ -195,31 +196,14 @@ def _transform(ocio: ModuleType, config, view: ColourView):
 @functools.lru_cache(maxsize=4)
 def _config(name: str, studio: str):
     """Read a config; `studio` is where the studio's is."""
-    ocio = _library()
     source = BUILT_IN.get(name, studio)
     try:
-        return ocio.Config.CreateFromFile(source)
-    except (ocio.Exception, ocio.ExceptionMissingFile) as error:
+        return PyOpenColorIO.Config.CreateFromFile(source)
+    except (PyOpenColorIO.Exception, PyOpenColorIO.ExceptionMissingFile) as error:
         raise InputError(
             f"{source}: not a config of OpenColorIO ({_line(error)}). "
             "Set the environment variable OCIO to one, or unset it."
         ) from error
-
-
-def _library() -> ModuleType:
-    """Load the library.
-
-    Raises:
-        InputError: It is not installed.
-    """
-    try:
-        import PyOpenColorIO
-    except ModuleNotFoundError as error:
-        raise InputError(
-            "OpenColorIO views: the Python package opencolorio is not installed; "
-            "run: pip install 'asglight[view]'"
-        ) from error
-    return PyOpenColorIO
 
 
 def _line(error: BaseException) -> str:
