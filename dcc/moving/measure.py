@@ -13,6 +13,7 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from asglight.errors import InputError
 from asglight.lobes import motion
 from asglight.usd import read_usd, write_usd
 from dcc import lobe_light, quadrature, renderers, rows, scene, shots, usdlux
+from dcc.rows import Array
 from dcc.shots import Shot
 
 LIMIT = 0.015
@@ -141,21 +143,11 @@ def _jobs(shot: Shot, options: argparse.Namespace, output: Path) -> Iterator[dic
 
 
 def _rows(job: dict[str, Any]) -> Iterator[Row]:
-    tracks = read_usd(Path(job["stage"]))
     pictures = np.load(job["out"])["balls"].astype(np.float64)
     pixels = scene.judged(job["size"])
     way = f"{job['way']}, {job['what']}"
     for time, picture in zip(job["times"], pictures, strict=True):
-        light = lobe_light.light_of(motion.at(tracks, [time])[0])
-        if job["what"] == AS_SUNS:
-            light = usdlux.light_of(Path(job["stage"]), time)
-        views = [
-            quadrature.shown(
-                [light], torch.from_numpy(scene.normals(job["size"], view)), _to(view), None
-            )
-            for view in scene.VIEWS
-        ]
-        expected = torch.stack(views, dim=1)[0].numpy()
+        expected = _expected(Path(job["stage"]), time, job["size"], as_suns=job["what"] == AS_SUNS)
         seen = picture[:, :, 0][:, :, pixels]
         mean = seen.mean(0)
         yield Row(
@@ -166,6 +158,30 @@ def _rows(job: dict[str, Any]) -> Iterator[Row]:
             float(mean.sum() / expected.sum()),
             rows.noise(seen),
         )
+
+
+@lru_cache(maxsize=16)
+def _expected(stage: Path, time: float, size: int, *, as_suns: bool) -> Array:
+    """Return what matte balls show under a stage; kept, for a stage is rendered in several ways.
+
+    Args:
+        stage: The stage.
+        time: Frame, or between two.
+        size: Pixels across a ball.
+        as_suns: Integrate its distant lights, and not its lobes.
+
+    Returns:
+        Radiance of both views at the judged pixels.  [view, P, 3]
+    """
+    if as_suns:
+        light = usdlux.light_of(stage, time)
+    else:
+        light = lobe_light.light_of(motion.at(read_usd(stage), [time])[0])
+    views = [
+        quadrature.shown([light], torch.from_numpy(scene.normals(size, view)), _to(view), None)
+        for view in scene.VIEWS
+    ]
+    return torch.stack(views, dim=1)[0].numpy()
 
 
 def _to(view: str) -> torch.Tensor:
