@@ -100,18 +100,17 @@ def test_reflection_is_the_layer_under_the_lobes(opengl: moderngl.Context, lobes
     run = shown(opengl, constants(lobes), REFLECTION)
     normals, views = points()
     cos_view = (normals * views).sum(-1).clamp(max=1)  # rounding
-    for roughness in (0.05, 0.1, 0.25, 0.5, 0.8, 1.0):
-        for f0 in (0.04, 1.0):
-            found = run(roughness, (f0,) * 3)
-            albedo = found[:, 3]
-            exact = ggx.albedo_parts(cos_view, roughness**2) @ torch.tensor([f0, 1.0]).double()
-            assert (albedo / exact - 1).abs().max() <= ERROR_MAX
-            layer = ggx_layer.layer(torch.tensor(roughness, dtype=torch.float64))
-            parts = torch.stack([torch.zeros(len(albedo)), albedo], dim=-1)  # all of it in B
-            expected = ggx_lobes.reflected(
-                sheets(lobes), normals, views, layer, torch.full((3,), f0).double(), parts
-            )
-            assert_near(found[:, :3], torch.einsum("mpc,mc->pc", expected, amplitudes(lobes)))
+    for roughness, f0 in ((0.05, 1.0), (0.1, 0.04), (0.25, 1.0), (0.5, 0.04), (1.0, 1.0)):
+        found = run(roughness, (f0,) * 3)
+        albedo = found[:, 3]
+        exact = ggx.albedo_parts(cos_view, roughness**2) @ torch.tensor([f0, 1.0]).double()
+        assert (albedo / exact - 1).abs().max() <= ERROR_MAX
+        layer = ggx_layer.layer(torch.tensor(roughness, dtype=torch.float64))
+        parts = torch.stack([torch.zeros(len(albedo)), albedo], dim=-1)  # all of it in B
+        expected = ggx_lobes.reflected(
+            sheets(lobes), normals, views, layer, torch.full((3,), f0).double(), parts
+        )
+        assert_near(found[:, :3], torch.einsum("mpc,mc->pc", expected, amplitudes(lobes)))
 
 
 def test_reflection_is_near_the_integral_over_the_lobes(opengl: moderngl.Context) -> None:
@@ -124,7 +123,7 @@ def test_reflection_is_near_the_integral_over_the_lobes(opengl: moderngl.Context
     for roughness in (0.25, 0.5, 1.0):
         exact = torch.stack(
             [
-                brute_force.reflected(lobes, n[None], v, roughness, points=4096)[:, 0].sum(-1)
+                brute_force.reflected(lobes, n[None], v, roughness, points=1024)[:, 0].sum(-1)
                 for n, v in zip(normals[chosen][::8], views[chosen][::8], strict=True)
             ]
         )

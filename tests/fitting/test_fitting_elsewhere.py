@@ -44,6 +44,8 @@ def _few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
             monkeypatch.setattr(module, name, 1)
     for module in (reweighting, stills_reweighting, flat_tops):
         monkeypatch.setattr(module, "STEPS", 1)
+    for module in (reweighting, stills_reweighting):
+        monkeypatch.setattr(module, "ROUNDS", 2)
     for name in ("EM_STEPS", "EVEN_STEPS"):
         monkeypatch.setattr(seeding, name, 2)
 

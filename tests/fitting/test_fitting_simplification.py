@@ -197,8 +197,10 @@ def test_lobes_too_dim_to_take_over_the_flux_leave_others_changing() -> None:
     assert lost_flux(shot, found) <= FLUX_TOLERANCE
 
 
-@pytest.mark.parametrize("form", list(Form))
-@pytest.mark.parametrize("allowed", [1e-3, 1e-2])
+@pytest.mark.parametrize(
+    ("form", "allowed"),
+    [*zip(Form, (1e-3, 1e-2, 1e-3, 1e-2), strict=True), (Form.ASG, 1e-2)],
+)
 def test_all_simplifications_together_stay_within_the_budget(form: Form, allowed: float) -> None:
     shot = still_shot(random_lobes(form, count=9, seed=3).to(torch.float32), 4)
     generator = torch.Generator().manual_seed(2)
@@ -210,7 +212,7 @@ def test_all_simplifications_together_stay_within_the_budget(form: Form, allowed
     assert int((~lost.needed).sum()) == 1
     for kernel in (kernels.LAMBERT, 0.5, 0.25):
         # 5 %: rings and cells instead of texels
-        assert max(changes_of_frames(shot, lost.lobes, kernel)) <= 1.05 * allowed
+        assert max(changes_of_frames(shot, lost.lobes, kernel, 200)) <= 1.05 * allowed
     assert lost_flux(shot, lost.lobes) <= FLUX_TOLERANCE
 
 

@@ -36,7 +36,9 @@ def _maps(height: int = 32, count: int = 3) -> list[Tensor]:
 def test_stills_are_as_good_as_one_by_one(form: Form, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = _maps() if form is Form.ASG else _maps(16, 2)
     if form is not Form.ASG:
-        monkeypatch.setattr(fits, "SETTINGS", replace(FAST, levels=soft_to_sharp(rounds=1)))
+        # what lags behind is another matter, below
+        brief = replace(FAST, levels=soft_to_sharp(rounds=1)[1::2], left=(9.0,) * len(FAST.left))
+        monkeypatch.setattr(fits, "SETTINGS", brief)
     alone = [fit_first_frame(each, 4, form, fits.SETTINGS) for each in maps]
     for fit, single, reference in zip(fit_stills(maps, 4, form), alone, maps, strict=True):
         found, expected = (frame_errors(each.lobes, reference).values for each in (fit, single))

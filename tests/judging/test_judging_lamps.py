@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Paths of lamps, from maps that are drawn texel by texel with lamps of known paths."""
 
+import functools
 import math
 
 import numpy as np
@@ -27,13 +28,17 @@ def overhead(angle_deg: float, tilt_deg: float = 0.0) -> np.ndarray:
 
 def drawn(*centres: np.ndarray, power: float = 100.0) -> torch.Tensor:
     """Return a map with round lamps of one radiance on a dim ground; edges by eight samples."""
-    fine = latlong.directions(8 * HEIGHT, 16 * HEIGHT).double()
+    fine = fine_directions()
     lit = torch.zeros(8 * HEIGHT, 16 * HEIGHT, dtype=torch.float64)
     for centre in centres:
         lit += (fine @ torch.from_numpy(centre) > math.cos(RADIUS)).double()
-    return (
-        latlong.reduce(0.1 + power * lit[..., None].expand(-1, -1, 3), HEIGHT, 2 * HEIGHT)
-    ).float()
+    grey = latlong.reduce(0.1 + power * lit[..., None], HEIGHT, 2 * HEIGHT)
+    return grey.float().repeat(1, 1, 3)
+
+
+@functools.cache
+def fine_directions() -> torch.Tensor:
+    return latlong.directions(8 * HEIGHT, 16 * HEIGHT).double()
 
 
 def tracks_along(directions: list[np.ndarray], flux: np.ndarray) -> LobeTracks:

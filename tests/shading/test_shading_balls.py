@@ -2,6 +2,7 @@
 """Balls against independent quadrature: directional albedo, a mirror, a small lamp in float64."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -11,14 +12,14 @@ import torch
 
 from asglight.errors import InputError
 from asglight.shading import balls
-from asglight.shading.balls import ROUGHNESS, coverage, render_balls
+from asglight.shading.balls import ROUGHNESS, coverage, covered, render_balls
 from asglight.sphere import latlong
 
 SIZE = 64
 
 
-def _pixel(row: int, column: int, size: int = SIZE) -> tuple[float, float]:
-    return (2 * column + 1) / size - 1, 1 - (2 * row + 1) / size
+def _pixel(row: int, column: int) -> tuple[float, float]:
+    return (2 * column + 1) / SIZE - 1, 1 - (2 * row + 1) / SIZE
 
 
 def _brdf(n_h: np.ndarray, n_v: np.ndarray, n_l: np.ndarray, alpha: float) -> np.ndarray:
@@ -52,6 +53,37 @@ def _albedo(n_v: float, alpha: float) -> float:
 
 HEIGHT = 256
 WHITE, SMOOTH, LAMP = range(3)
+ALBEDO_AT = ((31, 31), (31, 48), (10, 20))
+MIRROR_AT = ((31, 31), (16, 40), (44, 10))
+
+
+def _pixels(*places: tuple[int | slice, int | slice]) -> torch.Tensor:
+    """Choose pixels by row and column.  [SIZE, SIZE]."""
+    chosen = torch.zeros(SIZE, SIZE, dtype=torch.bool)
+    for row, column in places:
+        chosen[row, column] = True
+    return chosen
+
+
+def _rendered(maps: torch.Tensor, roughness: Sequence[float], pixels: torch.Tensor, **view):
+    """Render some pixels; the others stay black, for each sums over all texels by itself."""
+    share, normals = covered(SIZE)
+    cover = coverage(SIZE)
+    kept = pixels[cover > 0]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(balls, "coverage", lambda _: cover * pixels)
+        patch.setattr(balls, "covered", lambda _: (share[kept], normals[kept]))
+        return render_balls(maps, roughness, size=SIZE, **view)
+
+
+RENDERED = _pixels(
+    *ALBEDO_AT,
+    *MIRROR_AT,
+    (slice(16, 25), slice(44, 53)),  # the highlight of the small lamp, and around it
+    (31, slice(None)),  # from rim to rim
+    (0, slice(None)),  # what only touches the ball
+    (slice(None), 63),
+)
 
 
 @pytest.fixture(scope="module")
@@ -59,10 +91,16 @@ def rendered() -> torch.Tensor:
     """Render every roughness under three maps at once, for it is kernels that take the time.
 
     Returns:
-        Radiance under WHITE, SMOOTH and LAMP.  [3, 5, SIZE, SIZE, 3]
+        Radiance under WHITE, SMOOTH and LAMP, where `RENDERED`.  [3, 5, SIZE, SIZE, 3]
     """
     maps = torch.stack([torch.ones(HEIGHT, 2 * HEIGHT, 3), _smooth_map(HEIGHT), _small_lamp()])
-    return render_balls(maps, ROUGHNESS, size=SIZE)
+    return _rendered(maps, ROUGHNESS, RENDERED)
+
+
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let grids be four times as coarse, for what does not depend on how fine they are."""
+    monkeypatch.setattr(balls, "_ROWS", tuple(rows // 4 for rows in balls._ROWS))
 
 
 @pytest.mark.slow
@@ -71,7 +109,7 @@ def test_ball_in_a_white_furnace_shows_the_directional_albedo(
     rendered: torch.Tensor, roughness: float
 ) -> None:
     image = rendered[WHITE, ROUGHNESS.index(roughness)]
-    for row, column in ((31, 31), (31, 48), (10, 20)):
+    for row, column in ALBEDO_AT:
         x, y = _pixel(row, column)
         expected = _albedo(math.sqrt(1 - x * x - y * y), roughness**2)
         # The sharp balls are scaled to it; the others feel the texels of the coarse grid.
@@ -90,18 +128,12 @@ MIRROR_OFF = 0.01
 def _off_mirror(image: torch.Tensor, view: tuple[float, float, float]) -> float:
     """Return by how much a ball is off what a mirror shows, at three pixels, relative."""
     off = 0.0
-    size = len(image)
     v = np.array(view) / np.linalg.norm(view)
     up = np.array([0.0, 0.0, -1.0]) if v[1] == 1 else np.array([0.0, 1.0, 0.0])
     right = np.cross(up, v) / np.linalg.norm(np.cross(up, v))
     up = np.cross(v, right)
-    middle, quarter = size // 2 - 1, size // 4
-    for row, column in (
-        (middle, middle),
-        (quarter, 5 * size // 8),
-        (11 * size // 16, 5 * size // 32),
-    ):
-        x, y = _pixel(row, column, size)
+    for row, column in MIRROR_AT:
+        x, y = _pixel(row, column)
         n = x * right + y * up + math.sqrt(1 - x * x - y * y) * v
         mirrored = 2 * (n @ v) * n - v
         expected = 2 + mirrored * np.array([1.0, -0.7, 0.5])
@@ -117,10 +149,10 @@ def test_ball_of_no_roughness_is_a_mirror(rendered: torch.Tensor) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("view", [(0.3, -0.5, -2.0), (0.0, 1.0, 0.0)])
 def test_ball_of_no_roughness_is_a_mirror_from_every_side(
-    view: tuple[float, float, float], monkeypatch: pytest.MonkeyPatch
+    view: tuple[float, float, float],
 ) -> None:
-    monkeypatch.setattr(balls, "_POINTS_MAX", 4)  # a map this smooth needs no more
-    image = render_balls(_smooth_map(HEIGHT)[None], [ROUGHNESS[0]], size=64, view=view)[0, 0]
+    maps = _smooth_map(HEIGHT)[None]
+    image = _rendered(maps, ROUGHNESS[:1], _pixels(*MIRROR_AT), view=view)[0, 0]
     assert _off_mirror(image, view) < MIRROR_OFF
 
 
@@ -199,6 +231,7 @@ def test_small_bright_lamp_agrees_with_brute_force_in_float64(
     assert np.abs(ours - brute).sum() < 0.1 * brute.sum()
 
 
+@pytest.mark.usefixtures("coarse")
 def test_maps_are_rendered_independently_and_linearly() -> None:
     generator = torch.Generator().manual_seed(1)
     maps = torch.rand(2, 16, 32, 3, generator=generator)
@@ -208,6 +241,7 @@ def test_maps_are_rendered_independently_and_linearly() -> None:
     torch.testing.assert_close(alone[0], 3 * both[1], rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_small_ball_is_the_mean_of_a_larger_one() -> None:
     maps = _smooth_map(16)[None]
     small, large = (render_balls(maps, [0.5], size=s)[0, 0] for s in (22, 66))
@@ -223,7 +257,7 @@ def test_coverage_is_the_area_of_the_disc_and_the_background_is_black(
     assert area == pytest.approx(math.pi, rel=2e-3)  # 8 x 8 points per pixel
     image = rendered[WHITE]
     assert (image[:, coverage(SIZE) == 0] == 0).all()
-    assert (image[:, coverage(SIZE) > 0] > 0).all()
+    assert (image[:, (coverage(SIZE) > 0) & RENDERED] > 0).all()
 
 
 @pytest.mark.parametrize(

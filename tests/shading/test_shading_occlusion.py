@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+import shadow_cases
 import torch
 from scipy import stats
 from shadow_cases import BALL, FOOT, POST, UP, errors, lobes_above
@@ -22,9 +23,14 @@ from asglight.shading.sheets import sheets
     ],
 )
 def test_shadows_are_those_of_rays(
-    form: Form, ball: tuple[float, float], post: tuple[float, float]
+    form: Form,
+    ball: tuple[float, float],
+    post: tuple[float, float],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The mean and 95 % of the errors that docs/method/shading.md states."""
+    # of 512 rays errors look 1e-4 larger than of 2048 in the mean, and 5e-4 in their 95 %
+    monkeypatch.setattr(shadow_cases, "POINTS", 512)
     found = errors(form)
     for name, (mean, most) in (("ball", ball), ("post", post)):
         assert found[name].mean() < mean

@@ -12,7 +12,7 @@ from pxr import Usd
 from usd_tracks import beginning, contents, write_every
 
 from asglight.lobes import LobeTracks
-from asglight.usd import WriteReport
+from asglight.usd import WriteReport, write_usd
 
 _KEPT: dict[tuple[Any, ...], tuple[WriteReport, dict[str, bytes]]] = {}
 
@@ -21,12 +21,23 @@ def put_every(
     tracks: LobeTracks, path: Path, representation: str = "cards", **options: Any
 ) -> WriteReport:
     """Do what `write_every` does where no stage is; the same stage is written once."""
+    return _put(write_every, tracks, path, representation=representation, **options)
+
+
+def put(tracks: LobeTracks, path: Path, **options: Any) -> WriteReport:
+    """Do what `write_usd` does where no stage is; the same stage is written once."""
+    return _put(write_usd, tracks, path, **options)
+
+
+def _put(
+    write: Callable[..., WriteReport], tracks: LobeTracks, path: Path, **options: Any
+) -> WriteReport:
     assert not path.exists()
-    case = _key(tracks), path.name, representation, repr(sorted(options.items()))
+    case = write.__name__, _key(tracks), path.name, repr(sorted(options.items()))
     if case not in _KEPT:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            report = write_every(tracks, folder / path.name, representation, **options)
+            report = write(tracks, folder / path.name, **options)
             files = tuple(file.relative_to(folder) for file in report.files)
             _KEPT[case] = replace(report, files=files), contents(folder)
     report, made = _KEPT[case]
@@ -47,7 +58,7 @@ def calm(
         arguments: Of `make`, after the frames.
         options: Of `make`.
     """
-    longer = (*frames, *range(frames[-1] + 1, frames[-1] + 17))
+    longer = (*frames, *range(frames[-1] + 1, frames[-1] + 65))
     return beginning(make(longer, *arguments, **options), len(frames))
 
 

@@ -230,9 +230,11 @@ def _near(name: str, count: int, held: str) -> tuple[Lobes, objective.Target, di
     return lobes, frame, others
 
 
-@pytest.mark.parametrize(("count", "held"), [(1, "none"), (8, "none"), (15, "none"), (15, "held")])
+@pytest.mark.parametrize(
+    ("count", "held", "steps"),
+    [(1, "none", 1), (8, "none", 3), (15, "none", 1), (15, "none", 3), (15, "held", 3)],
+)
 @pytest.mark.parametrize("name", ADAPTIVE_CELLS)
-@pytest.mark.parametrize("steps", [1, 3])
 def test_steps_are_those_of_torch_in_float64(
     name: str, count: int, held: str, steps: int, in_torch: Callable[..., Any]
 ) -> None:

@@ -17,7 +17,7 @@ from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.frames import axes_around, canonical
 from asglight.sphere import latlong
 
-ROWS = 64
+ROWS = 32
 PLACES = ((0.3, 0.4, 1.0), (-1.0, 0.3, 0.2), (0.9, -0.2, -0.8))
 
 
@@ -25,12 +25,12 @@ def directions_to() -> torch.Tensor:
     return torch.nn.functional.normalize(torch.tensor(PLACES), dim=-1)
 
 
-def boxes() -> torch.Tensor:
+def boxes(rows: int = ROWS) -> torch.Tensor:
     """Return a map of three lamps with edges, each seen within 14 degrees of its middle."""
-    directions = latlong.directions(ROWS, 2 * ROWS).reshape(-1, 3)
+    directions = latlong.directions(rows, 2 * rows).reshape(-1, 3)
     inside = directions @ directions_to().mT > math.cos(math.radians(14))
     light = inside.float() @ torch.tensor([[9.0, 8.0, 7.0], [5.0, 5.0, 6.0], [3.0, 4.0, 4.0]])
-    return (0.05 + light).reshape(ROWS, 2 * ROWS, 3)
+    return (0.05 + light).reshape(rows, 2 * rows, 3)
 
 
 def glows() -> torch.Tensor:
@@ -73,13 +73,14 @@ def test_live_and_paper_do_not_choose() -> None:
 
 def test_next_frames_keep_the_form() -> None:
     one_start = replace(FAST, spreads_deg=FAST.spreads_deg[:1])
-    first = canonical(fit_first_frame(boxes(), 4, Form.FLAT, one_start).lobes)
-    before = frame_errors(first, boxes()).values
+    reference = boxes(64)
+    first = canonical(fit_first_frame(reference, 4, Form.FLAT, one_start).lobes)
+    before = frame_errors(first, reference).values
     for preset in (Preset.LIVE, Preset.FAST):
-        following = fit_frame(1.1 * boxes(), FitOptions(4, preset, form=None), first)
+        following = fit_frame(1.1 * reference, FitOptions(4, preset, form=None), first)
         assert following.lobes.form is Form.FLAT
         # the same map, a tenth brighter: as good a fit, but for what the temporal term holds back
-        errors = frame_errors(following.lobes, 1.1 * boxes()).values
+        errors = frame_errors(following.lobes, 1.1 * reference).values
         for metric in ("env", "irr", "r0.5", "r0.25"):
             assert errors[metric] < 1.1 * before[metric]
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pass over a whole shot: steadier and no worse; cuts, black frames, dark lobes."""
 
+import functools
 import math
 from dataclasses import replace
 
@@ -30,7 +31,12 @@ from asglight.lobes.data import stack
 
 LIVE = FitOptions(lobes=4, preset=Preset.LIVE)
 SETTINGS = Refinement()
-BRIEF = replace(FAST, spreads_deg=FAST.spreads_deg[:1], levels=soft_to_sharp(rounds=0))
+BRIEF = replace(
+    FAST,
+    spreads_deg=FAST.spreads_deg[:1],
+    levels=soft_to_sharp(rounds=0)[::2],
+    left=(9.0,) * len(FAST.left),
+)
 
 FIELDS = ("axes", "sharpness", "amplitude")
 
@@ -57,12 +63,27 @@ def _refined(
     return found
 
 
-def _noisy(frames: int) -> list[Tensor]:
+NOISY = 2 * whole_shot.GROUP + 3
+"""Frames: two groups of even places."""
+
+
+@functools.cache
+def _noisy_maps() -> list[Tensor]:
     """Return a still scene under noise of a fifth of each texel."""
     generator = torch.Generator().manual_seed(0)
     still = sky_and_sun(20.0)
     return [still * (1 + 0.2 * torch.randn(still.shape, generator=generator)).clamp(min=0)
-            for _ in range(frames)]  # fmt: skip
+            for _ in range(NOISY)]  # fmt: skip
+
+
+@functools.cache
+def _noisy_fit() -> Lobes:
+    return _fitted(_noisy_maps())
+
+
+def _noisy(frames: int) -> tuple[list[Tensor], Lobes]:
+    """Return the first frames of a noisy shot, and the lobes fitted to them."""
+    return _noisy_maps()[:frames], _noisy_fit()[:frames].clone()
 
 
 def test_a_frame_that_strayed_comes_back_to_its_neighbours() -> None:
@@ -88,8 +109,7 @@ def test_a_frame_that_strayed_comes_back_to_its_neighbours() -> None:
 
 
 def test_a_noisy_shot_becomes_no_worse() -> None:
-    maps = _noisy(6)
-    shot = _fitted(maps)
+    maps, shot = _noisy(6)
     found, losses = _refined(shot, maps)
     before, after = (
         [frame_errors(lobes[k], radiance).values for k, radiance in enumerate(maps)]
@@ -111,8 +131,7 @@ def test_a_noisy_shot_becomes_no_worse() -> None:
 
 
 def test_a_shot_comes_to_the_same_on_any_number_of_threads() -> None:
-    maps = _noisy(2 * whole_shot.GROUP + 3)  # two groups of even places
-    shot = _fitted(maps)
+    maps, shot = _noisy(NOISY)
     alone, losses = _refined(shot, maps)
     found, same_losses = _refined(shot, maps, threads=3)
     assert same_losses == losses
@@ -121,8 +140,7 @@ def test_a_shot_comes_to_the_same_on_any_number_of_threads() -> None:
 
 
 def test_frames_read_in_chunks_are_all_refined() -> None:
-    maps = _noisy(5)
-    shot = _fitted(maps)
+    maps, shot = _noisy(5)
     found, losses = _refined(shot, maps, chunk=2)
     assert len(losses) == 5
     moved = (found.amplitude - shot.amplitude).abs().flatten(1).amax(-1)
@@ -135,8 +153,8 @@ def test_a_cut_parts_the_shot() -> None:
         64,
         128,
     )
-    before, after = _noisy(2), [indoors] * 2
-    shots = [_fitted(maps) for maps in (before, after)]
+    (before, first), after = _noisy(2), [indoors] * 2
+    shots = [first, _fitted(after)]
     shots[1] = shots[1].select(torch.arange(8).roll(4))  # a cut has other lights
     whole = Lobes(*(torch.cat([getattr(shot, name) for shot in shots])
                     for name in ("axes", "sharpness", "amplitude")))  # fmt: skip
@@ -151,8 +169,7 @@ def test_a_cut_parts_the_shot() -> None:
 
 def test_dark_tracks_stay_dark_and_as_they_were() -> None:
     """Where a track fades out and in is not the business of the frames between."""
-    maps = _noisy(3)
-    shot = _fitted(maps)
+    maps, shot = _noisy(3)
     dark = shot.amplitude.amax(-1) == 0
     found, _ = _refined(shot, maps)
     assert int(dark.sum()) >= 3 * 4  # the spare tracks
@@ -162,7 +179,7 @@ def test_dark_tracks_stay_dark_and_as_they_were() -> None:
 
 
 def test_black_frames_stay_as_they_are() -> None:
-    maps = _noisy(3)
+    maps, _ = _noisy(3)
     maps[1] = torch.zeros_like(maps[1])
     shot = _fitted(maps)
     found, losses = _refined(shot, maps)
@@ -182,7 +199,7 @@ def test_frames_of_different_sizes_stay_as_they_are() -> None:
 
 @pytest.mark.parametrize("form", list(Form))
 def test_every_form_is_refined(form: Form) -> None:
-    maps = _noisy(3)
+    maps, _ = _noisy(3)
     shot = stack([fit_first_frame(maps[0], 4, form, BRIEF).lobes] * 3)
     found, _ = _refined(shot, maps)
     assert found.form is form

@@ -12,7 +12,7 @@ from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes
 from asglight.sphere import latlong
 
-BRIEF = replace(FAST, spreads_deg=FAST.spreads_deg[:1], levels=soft_to_sharp(rounds=0))
+BRIEF = replace(FAST, spreads_deg=FAST.spreads_deg[:1], levels=soft_to_sharp(rounds=0)[::2])
 """How good the fits are is of no matter."""
 
 

@@ -152,8 +152,15 @@ def test_the_term_of_black_lobes_is_finite_and_nothing() -> None:
     assert bool(gradient.isfinite().all())
 
 
-@pytest.mark.parametrize("form", list(Form))
-@pytest.mark.parametrize("exposure", [1e-6, 1.0, 1e9])
+@pytest.mark.parametrize(
+    ("form", "exposure"),
+    [
+        *((Form.ASG, each) for each in (1e-6, 1.0, 1e9)),
+        (Form.BINGHAM, 1e-6),
+        (Form.SG, 1e9),
+        (Form.FLAT, 1.0),
+    ],
+)
 def test_steps_from_any_start_stay_finite_with_the_term(form: Form, exposure: float) -> None:
     sharpness = torch.tensor([1e-3, 0.3, 40.0, 1e4, 1e7])
     light = torch.tensor([0.0, 1e-6, 1.0, 1e4, 1e9])

@@ -4,7 +4,7 @@
 import gc
 import warnings
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import pytest
@@ -244,6 +244,15 @@ def _add_two(state: Tensor, _: None) -> Tensor:
     return state + constants.like(state, 2.0) * 1.0
 
 
+@pytest.fixture
+def few_objects() -> Iterator[None]:
+    """Let `gc.collect` look through nothing that was there before."""
+    gc.freeze()
+    yield
+    gc.unfreeze()
+
+
+@pytest.mark.usefixtures("few_objects")
 @pytest.mark.parametrize("inference", [False, True])
 def test_constants_last_as_long_as_the_recordings_that_read_them(inference: bool) -> None:
     replays = Replays(_Forgetful)

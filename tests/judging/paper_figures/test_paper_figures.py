@@ -2,6 +2,7 @@
 """What the paper's figures measure, on maps whose answer is known."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -9,6 +10,9 @@ import torch
 from lobe_cases import lamps, sky_and_sun
 from torch import Tensor
 
+from asglight.fitting import sequence
+from asglight.fitting.first_frame.fit import FAST, LAST
+from asglight.fitting.options import Preset
 from asglight.fitting.paper import fit as paper
 from asglight.fitting.paper.losses import Loss
 from asglight.judging.following import JUMP_DEG
@@ -36,7 +40,9 @@ def quiet(items: Iterable[Any], label: str, count: int) -> Iterator[Any]:
 
 @pytest.fixture
 def plain_balls(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let balls show the mean of their map: a stand-in for a minute of work."""
+    """Let balls show the mean of their map, and fits be brief: stand-ins for a minute of work."""
+    brief = replace(FAST, spreads_deg=FAST.spreads_deg[:1], levels=(replace(LAST, steps=4),))
+    monkeypatch.setitem(sequence._FIRST_FRAME, Preset.FAST, brief)
 
     def render(maps: Tensor, roughness: tuple[float, ...], *, size: int) -> Tensor:
         mean = maps.mean((1, 2))[:, None, None, None]

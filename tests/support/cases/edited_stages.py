@@ -9,6 +9,7 @@ from pathlib import Path
 import torch
 from scipy.spatial.transform import Rotation
 from usd_tracks import contents, of_every_kind, write_every
+from written_stages import calm
 
 from asglight.lobes import Form, LobeTracks
 from asglight.usd import read_usd
@@ -46,7 +47,7 @@ def _written(form: Form, name: str) -> dict[str, bytes]:
     """Return the files of the stage: what tests change is a copy."""
     with tempfile.TemporaryDirectory() as folder:
         write_every(
-            of_every_kind(FRAMES, form),
+            calm(of_every_kind, FRAMES, form),
             Path(folder, name),
             distance=50.0,
             meters_per_unit=0.01,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 from scipy import integrate, stats
 from usd_tracks import assert_same, edited, of_every_kind, still
-from written_stages import put_every
+from written_stages import calm, put_every
 
 from asglight.lobes import Form, LobeTracks, asg
 from asglight.usd import lint_stage, read_stage, read_usd, write_edit_layer, write_usd
@@ -252,7 +252,7 @@ def test_the_lint_finds_a_texture_that_changes(tmp_path):
 
 def test_a_layer_of_edits_keeps_the_texture(tmp_path):
     """The edited lobe's card is as if the edit had been written, and has the stage's own image."""
-    write_usd(of_every_kind((1, 2, 3)), tmp_path / "a.usda", card_texture=True)
+    write_usd(calm(of_every_kind, (1, 2, 3)), tmp_path / "a.usda", card_texture=True)
     tracks = read_usd(tmp_path / "a.usda")
     lobes = tracks.lobes.clone()
     lobes.sharpness[:, 2] *= torch.tensor([0.5, 2.0])

@@ -8,6 +8,7 @@ import pytest
 import torch
 from pxr import Usd, UsdGeom, UsdLux
 from usd_tracks import moving
+from written_stages import calm
 
 from asglight.lobes import Form
 from asglight.usd import lint_stage, read_usd, write_edit_layer, write_usd
@@ -33,7 +34,7 @@ def distants(path) -> dict[str, tuple]:
 @pytest.mark.parametrize("form", [Form.ASG, Form.BINGHAM])
 def test_three_distant_lights_follow_an_edit(form, tmp_path):
     chosen = {"representations": ("distant",), "distant_lights": 3}
-    write_usd(moving((1, 2, 3), form=form), tmp_path / "a.usda", **chosen)
+    write_usd(calm(moving, (1, 2, 3), form=form), tmp_path / "a.usda", **chosen)
     tracks = read_usd(tmp_path / "a.usda")
     lobes = tracks.lobes.clone()
     lobes.sharpness[:, 1] *= torch.tensor([0.5, 3.0])

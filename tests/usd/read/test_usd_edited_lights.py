@@ -89,7 +89,7 @@ def scale_samples(attribute: Usd.Attribute, factor: float | Gf.Vec3f) -> None:
 @pytest.mark.parametrize(("form", "up_axis"), [*zip(Form, "ZYZY", strict=True)])
 def test_a_stage_that_nobody_edited_has_no_changes(form, up_axis, tmp_path):
     path = tmp_path / "shot.usda"
-    tracks = moving(range(1001, 1040), form=form, jitter=0.02)
+    tracks = moving(range(1001, 1021), form=form, jitter=0.02)
     write_every(tracks, path, up_axis=up_axis, dome_height=2)
     for representation in OF_LOBES:
         reading = read_stage(selected(path, representation))

@@ -8,6 +8,7 @@ import torch
 from bench_scripts import module
 from pxr import Gf, Usd, UsdGeom, UsdLux
 from usd_tracks import moving, still, write_every
+from written_stages import calm
 
 from asglight.images import write_exr
 from asglight.lobes import Form, asg
@@ -139,7 +140,7 @@ def test_a_map_is_fitted_and_measured_in_every_way(tmp_path, capsys):
 @pytest.mark.usefixtures("few_points")
 def test_a_stage_is_measured_in_its_first_middle_and_last_frame(tmp_path, capsys):
     stage = tmp_path / "shot.usda"
-    write_every(moving(range(1, 6)), stage, dome_height=16)
+    write_every(calm(moving, range(1, 6)), stage, dome_height=16)
     representations.main(["--stages", str(stage)])
     table = first_table(capsys.readouterr().out)
     assert list(table) == ["shot 1", "shot 3", "shot 5", "**mean**", "**worst**"]

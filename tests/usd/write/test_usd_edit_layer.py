@@ -9,6 +9,7 @@ import pytest
 from edited_stages import FRAMES, changed, fit
 from pxr import Sdf, Usd, UsdValidation
 from usd_tracks import contents, edited, moving, write_every
+from written_stages import calm
 
 from asglight.errors import InputError
 from asglight.images import read_latlong
@@ -135,7 +136,7 @@ def test_only_what_the_edit_changes_is_overridden(kind, overridden, tmp_path):
 
 def test_tracks_that_stand_still_can_be_made_to_move_and_back(tmp_path):
     path = tmp_path / "fit.usda"
-    tracks = moving(FRAMES)
+    tracks = calm(moving, FRAMES)
     for values in (tracks.lobes.axes, tracks.lobes.sharpness, tracks.lobes.amplitude):
         values[:] = values[:1].clone()
     write_every(tracks, path, distance=50.0, meters_per_unit=0.01, dome_height=8)

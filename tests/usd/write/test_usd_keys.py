@@ -40,8 +40,9 @@ def light_types(stage: Usd.Stage) -> dict[str, str]:
 
 @pytest.mark.parametrize(("extension", "texture"), [("usda", True), ("usdc", False)])
 def test_lights_and_rest_are_the_image(tmp_path: Path, extension: str, texture: bool) -> None:
-    truth = images(tmp_path, FRAMES)
-    write(tmp_path, f"shot.{extension}", FRAMES, texture=texture)
+    frames = FRAMES if extension == "usdc" else FRAMES[::2]  # one as other tests have it
+    truth = images(tmp_path, frames)
+    write(tmp_path, f"shot.{extension}", frames, texture=texture)
     stage = opened(tmp_path / f"shot.{extension}")
     [key] = stage.GetPrimAtPath("/AsgRig/Keys").GetChildren()
     assert light_types(stage) == {str(key.GetPath()): "RectLight", "/AsgRig/Rest": "DomeLight"}

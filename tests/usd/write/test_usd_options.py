@@ -279,7 +279,7 @@ def test_a_package_holds_its_images_and_nothing_lies_beside_it(tmp_path):
 def test_a_package_is_replaced_whole(tmp_path):
     path = tmp_path / "shot.usdz"
     chosen = {"representations": ("distant", "dome"), "dome_height": 2}
-    write_usd(moving(range(5)), path, **chosen)
+    write_usd(calm(moving, range(5)), path, **chosen)
     held = Usd.Stage.Open(str(path))
     write_usd(calm(moving, FRAMES, seed=1), path, **chosen)
     assert_same(read_usd(path), calm(moving, FRAMES, seed=1))

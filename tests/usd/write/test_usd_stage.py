@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdValidation
 from usd_tracks import beginning, contents, moving, of_every_kind, still, write_every
-from written_stages import selected
+from written_stages import calm, selected
 
 from asglight.lobes import Form
 from asglight.usd import StageOptions, lint_stage, read_usd, write_usd
@@ -24,7 +24,7 @@ from asglight.usd.write import layer
 )
 def test_all_usd_validators_and_the_own_lint_are_content(extension, form, tmp_path):
     path = tmp_path / f"shot.{extension}"
-    write_every(of_every_kind(range(1001, 1004), form), path, dome_height=4)
+    write_every(calm(of_every_kind, range(1001, 1004), form), path, dome_height=4)
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     assert len(validators) > 10
     for representation in OF_LOBES:
@@ -37,7 +37,9 @@ def test_all_usd_validators_and_the_own_lint_are_content(extension, form, tmp_pa
 @pytest.mark.parametrize("representation", OF_LOBES)
 def test_the_stage_shows_the_representation_asked_for(representation, tmp_path):
     path = tmp_path / "shot.usdc"
-    write_every(of_every_kind(range(3)), path, representation=str(representation), dome_height=4)
+    write_every(
+        calm(of_every_kind, range(3)), path, representation=str(representation), dome_height=4
+    )
     stage = Usd.Stage.Open(str(path))
     lights = {
         str(prim.GetPath().MakeRelativePath("/AsgRig")): prim.GetTypeName()
@@ -56,7 +58,7 @@ def test_the_stage_shows_the_representation_asked_for(representation, tmp_path):
 @pytest.fixture(scope="module")
 def in_motion(tmp_path_factory):
     """Return tracks and a stage of every representation."""
-    tracks = moving(range(1001, 1005))
+    tracks = calm(moving, range(1001, 1005))
     path = tmp_path_factory.mktemp("motion") / "shot.usda"
     write_every(tracks, path, dome_height=4)
     return tracks, path
@@ -176,7 +178,7 @@ def test_a_long_shot_stays_small(jitter, megabytes, tmp_path):
 
 def test_without_the_plugin_the_stage_opens_in_silence(tmp_path):
     path = tmp_path / "shot.usdc"
-    write_usd(moving(range(3)), path, representations=("distant", "dome"), dome_height=2)
+    write_usd(calm(moving, range(3)), path, representations=("distant", "dome"), dome_height=2)
     code = (
         "from pxr import Usd; import sys; s = Usd.Stage.Open(sys.argv[1]);"
         "lobe = s.GetPrimAtPath('/AsgRig/Lobes/lobe_00');"

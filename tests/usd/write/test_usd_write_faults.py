@@ -4,15 +4,14 @@
 import math
 import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
 import torch
+from forked import Forks
 from full_disk import full_beyond
-from places import SUPPORT
 from usd_tracks import contents, moving, still, write_every
 from written_stages import put_every
 
@@ -159,27 +158,25 @@ def test_a_full_disk_leaves_everything_as_it_was(extension, height, named, tmp_p
 
 
 WRITE = """
-import sys
-sys.path.insert(0, sys.argv[1])
 from usd_tracks import moving
 from asglight.usd import write_usd
-write_usd(moving(range(5), seed=1), sys.argv[2], representations=("dome",), dome_height=512)
+write_usd(moving(range(5), seed=1), {path!r}, representations=("dome",), dome_height=512)
 """
 
 
-def test_a_write_that_is_killed_leaves_the_old_stage(tmp_path):
+def test_a_write_that_is_killed_leaves_the_old_stage(tmp_path, tmp_path_factory):
     path = tmp_path / "shot.usdc"
     tracks = moving(range(5))
     write_every(tracks, path, dome_height=2)
     before = contents(tmp_path)
-    arguments = [sys.executable, "-c", WRITE, str(SUPPORT), str(path)]
-    with subprocess.Popen(arguments) as process:
-        deadline = time.monotonic() + 60
-        while not list(tmp_path.glob(".asglight-*/shot_dome/shot.0002.exr")):
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        process.send_signal(signal.SIGKILL)
+    forks = Forks(tmp_path_factory.mktemp("said"))
+    number = forks.begin(hook=WRITE.format(path=str(path)))
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob(".asglight-*/shot_dome/shot.0002.exr")):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    os.kill(number, signal.SIGKILL)
+    assert forks.end().returncode == -signal.SIGKILL
     after = contents(tmp_path)
     assert {name: after[name] for name in before} == before
     assert lint_stage(path) == []
