@@ -119,16 +119,20 @@ def directions(source: Probe, rows: int) -> Tensor:
     return latlong.direction_from_uv(u[None, :], v[:, None]).flatten(0, 1).float()
 
 
-@lru_cache(maxsize=16)
-@torch.inference_mode(False)
 def tables(height: int, sources: tuple[Probe, ...] = PROBES) -> layout.Probes:
     """Return the probes on a grid of `height` rows, for what is compiled."""
+    return _tables(height, sources)
+
+
+@lru_cache(maxsize=16)  # which takes a default that is given for another call
+@torch.inference_mode(False)
+def _tables(height: int, sources: tuple[Probe, ...]) -> layout.Probes:
     filters = [_filter(source, height) for source in sources]
     strides = [_stride(source, height) for source in sources]
     sizes = [each.abs().amax((1, 2)) for each in filters]
     return layout.tables(
         _waves(2 * height, 1, "cpu"),
-        [each.float() for each in filters],
+        filters,
         [_waves(2 * height, stride, "cpu") for stride in strides],
         [int((size > SILENT * size.max()).nonzero().max()) + 1 for size in sizes],
     )
@@ -200,18 +204,20 @@ def _waves(count: int, stride: int, device: str) -> Tensor:
 @torch.inference_mode(False)
 def _filters(sources: tuple[Probe, ...], rows: int, device: str) -> Tensor:
     """Return the filter from rows to the rings of all probes by frequency.  [H + 1, H, R]."""
-    found = [_filter(source, rows) for source in sources]
-    return torch.cat(found, -1).to(device, torch.float32)
+    return torch.cat([_filter(source, rows) for source in sources], -1).to(device)
 
 
+@lru_cache(maxsize=64)
+@torch.inference_mode(False)
 def _filter(source: Probe, rows: int) -> Tensor:
-    """Return the filter of one probe, in float64.  [H + 1, H, R]."""
+    """Return the filter of one probe, computed in float64.  [H + 1, H, R]."""
     texels = latlong.directions(rows, 2 * rows, dtype=torch.float64).reshape(-1, 3)
     v = (torch.arange(source.rings, dtype=torch.float64) + 0.5) / source.rings
     u = torch.tensor(0.5 / (2 * rows), dtype=torch.float64)  # on the first column of texels
     cosine = latlong.direction_from_uv(u, v) @ texels.mT
-    weight = kernels.kernel_values(source.kernel, cosine).double()
+    size = max(1, kernels.BLOCK // cosine.shape[-1])
+    weight = torch.cat([kernels.kernel_values(source.kernel, c) for c in cosine.split(size)])
     weight = weight * latlong.texel_solid_angles(rows, 2 * rows, dtype=torch.float64).reshape(-1)
     weight = (weight / weight.sum(-1, keepdim=True)).reshape(source.rings, rows, 2 * rows)
     # even in the difference of longitude, so a cosine and its sine are filtered alike
-    return torch.fft.rfft(weight).real.permute(2, 1, 0)
+    return torch.fft.rfft(weight).real.permute(2, 1, 0).float()

@@ -123,3 +123,17 @@ def test_the_grid_of_the_curvature_has_the_same_views(height: int) -> None:
         assert fine.shape == few.shape
         # the columns' first centres differ by less than a coarse cell
         assert float((fine * few).sum(-1).min()) > math.cos(math.pi / coarse)
+
+
+def test_tables_of_a_grid_are_made_once_however_they_are_asked_for() -> None:
+    assert probes.tables(24) is probes.tables(24, PROBES) is probes.tables(24, sources=PROBES)
+
+
+def test_filters_are_the_same_to_the_bit_however_many_rings_are_computed_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    usual = [probes._filter(source, 24) for source in PROBES]
+    for block in (1, 10**9):
+        monkeypatch.setattr(kernels, "BLOCK", block)
+        for source, expected in zip(PROBES, usual, strict=True):
+            assert torch.equal(probes._filter.__wrapped__(source, 24), expected)
