@@ -2,6 +2,7 @@
 """How many threads of the processor a part of the work computes on."""
 
 import contextlib
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
@@ -49,6 +50,23 @@ def side_by_side(calls: Iterable[Callable[[], Found]], threads: int) -> Iterator
         return
     with beside(calls, threads) as answers:
         yield from answers()
+
+
+def once(call: Callable[[], Found]) -> Callable[[], Found]:
+    """Return a call that is made when it is first asked for; all who ask get what it returned.
+
+    Args:
+        call: Made on the thread of the first; others wait for it.
+    """
+    lock, found = threading.Lock(), list[Found]()
+
+    def answer() -> Found:
+        with lock:
+            if not found:
+                found.append(call())
+            return found[0]
+
+    return answer
 
 
 @contextlib.contextmanager

@@ -2,13 +2,14 @@
 """One thread for a while, and what was allowed before from then on; calls side by side."""
 
 import threading
+import time
 from collections.abc import Iterator
 from functools import partial
 
 import pytest
 import torch
 
-from asglight.threads import beside, one_thread, side_by_side, threads_there
+from asglight.threads import beside, once, one_thread, side_by_side, threads_there
 
 
 @pytest.fixture(autouse=True)
@@ -102,3 +103,37 @@ def test_calls_beside_that_wait_at_the_end_are_not_begun() -> None:
     with pytest.raises(KeyError), beside([partial(call, number) for number in range(3)]):
         raise KeyError
     assert 2 not in begun
+
+
+def test_a_call_that_several_threads_ask_for_at_once_is_made_once() -> None:
+    asking, made = threading.Barrier(3, timeout=60), list[int]()
+
+    @once
+    def call() -> int:
+        time.sleep(0.05)  # in which the others come
+        made.append(len(made))
+        return made[-1]
+
+    def ask() -> int:
+        asking.wait()
+        return call()
+
+    assert list(side_by_side([ask] * 3, threads=3)) == [0, 0, 0]
+    assert call() == 0
+    assert made == [0]
+
+
+def test_a_call_that_failed_is_made_again_by_who_asks_next() -> None:
+    answers = iter([1])
+
+    @once
+    def call() -> int:
+        if not failed:
+            failed.append(True)
+            raise KeyError
+        return next(answers)
+
+    failed = list[bool]()
+    with pytest.raises(KeyError):
+        call()
+    assert call() == call() == 1

@@ -3,6 +3,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import torch
@@ -18,6 +19,7 @@ from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
+from asglight.threads import once
 
 
 class Splitting(Protocol):
@@ -232,18 +234,25 @@ def fit_first_frame(
             found.lobes, frames[2], settings.finishing, width_min=width_min, on_step=report
         )
 
+    spreads = settings.spreads_of(count)
+    # starts of all forms have them in common, and that from even directions is the yardstick too
+    mixtures = {
+        spread: once(partial(seeding.mixture, cells, count, spread)) for spread in {*spreads, None}
+    }
+
+    def seed(form: Form, spread: float | None) -> Lobes:
+        return seeding.lobes_of(mixtures[spread](), cells, form)
+
+    @once
     def aim() -> Tensor:
         """Return what errors are to come to on the last adaptive cells."""
-        return reweighting.aims(
-            seeding.seed_lobes(cells, count, Form.SG, None), last, settings.left
-        )
+        return reweighting.aims(seed(Form.SG, None), last, settings.left)
 
     def fitted(form: Form) -> newton.Outcome:
         """Return the end of the best start."""
-        spreads = settings.spreads_of(count)
-        seeds = (seeding.seed_lobes(cells, count, form, spread) for spread in spreads)
+        seeds = [partial(seed, form, spread) for spread in spreads]
         return multi_start.best_end(
-            seeds, finish, last, aim(), width_min, on_step, settings.again, threads
+            seeds, finish, last, aim, width_min, on_step, settings.again, threads
         )
 
     found = fitted(first)

@@ -58,10 +58,10 @@ class End:
 
 
 def best_end(
-    seeds: Iterable[Lobes],
+    seeds: Iterable[Callable[[], Lobes]],
     finish: Finish,
     frame: objective.Target,
-    aim: Tensor,
+    aim: Callable[[], Tensor],
     width_min: float,
     on_step: newton.OnStep | None = None,
     again: int = 0,
@@ -74,10 +74,10 @@ def best_end(
     made up for by steps alone.
 
     Args:
-        seeds: Starts, one or more, made as they are asked for.  [N, .] each
+        seeds: Each makes a start, one or more.  [N, .] each
         finish: Follows one.
         frame: The map on the adaptive cells on which ends are compared.
-        aim: What errors are to come to there.
+        aim: Says what errors are to come to there; asked when a start has come to its end.
         width_min: Sigma of the narrowest lobe allowed, radians.
         on_step: Called with the lobes of the first start, perhaps on another thread.
         again: Starts that go once more where what materials show lags behind, the nearest first.
@@ -86,19 +86,20 @@ def best_end(
     """
     threads = 1 if frame.radiance.is_cuda else threads
 
-    def reached(seed: Lobes, report: newton.OnStep | None) -> End:
-        return ended(seed, finish(seed, None, report), frame, aim)
+    def reached(made: Callable[[], Lobes], report: newton.OnStep | None) -> End:
+        seed = made()
+        return ended(seed, finish(seed, None, report), frame, aim())
 
     def once_more(end: End) -> End:
         """Return where a start comes to with what lags behind in its end raised."""
         weights = reweighting.raised(end.lag)
-        found = ended(end.seed, finish(end.seed, weights, None), frame, aim)
-        return settled(found, frame, aim, width_min, weights)
+        found = ended(end.seed, finish(end.seed, weights, None), frame, aim())
+        return settled(found, frame, aim(), width_min, weights)
 
     reports = itertools.chain([on_step], itertools.repeat(None))
     calls = (partial(reached, *each) for each in zip(seeds, reports, strict=False))
     nearest = sorted(side_by_side(calls, threads), key=lambda each: each.order)
-    mended = settled(nearest[0], frame, aim, width_min)
+    mended = settled(nearest[0], frame, aim(), width_min)
     best = min([mended, *nearest[1:]], key=lambda each: each.settled_order)
     if best.behind > 1:
         going = (partial(once_more, end) for end in nearest[:again])

@@ -3,7 +3,10 @@
 
 import itertools
 import math
+import operator
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import torch
@@ -39,8 +42,14 @@ def _finish(frame: objective.Target, width_min: float) -> multi_start.Finish:
     return finish
 
 
-AHEAD = torch.full((5,), 1e6)
-"""Aims that no error misses."""
+def _ahead() -> Tensor:
+    """Return aims that no error misses."""
+    return torch.full((5,), 1e6)
+
+
+def _made(seeds: list[Lobes]) -> list[Callable[[], Lobes]]:
+    """Return calls that each return a start."""
+    return [partial(operator.itemgetter(index), seeds) for index in range(len(seeds))]
 
 
 def test_of_ends_that_do_not_lag_behind_the_one_that_is_lit_best_is_taken() -> None:
@@ -49,7 +58,7 @@ def test_of_ends_that_do_not_lag_behind_the_one_that_is_lit_best_is_taken() -> N
     ends = [finish(seed, None, None) for seed in seeds]
     wrong = [multi_start.lit_wrong(end, frame) for end in ends]
     assert len(set(wrong)) > 1
-    found = multi_start.best_end(seeds, finish, frame, AHEAD, width_min)
+    found = multi_start.best_end(_made(seeds), finish, frame, _ahead, width_min)
     assert torch.equal(found.lobes.amplitude, ends[wrong.index(min(wrong))].lobes.amplitude)
 
 
@@ -77,7 +86,9 @@ def test_an_end_that_needs_no_mending_comes_before_one_that_is_mended_at_the_cos
         return ends[-1]
 
     monkeypatch.setattr(multi_start, "ended", ended)
-    found = multi_start.best_end(seeds[:2], _finish(frame, width_min), frame, AHEAD, width_min)
+    found = multi_start.best_end(
+        _made(seeds[:2]), _finish(frame, width_min), frame, _ahead, width_min
+    )
     assert len(ends) == 3
     assert found is ends[1].found
 
@@ -92,7 +103,7 @@ def test_the_starts_that_came_nearest_go_once_more_with_what_lags_behind_raised(
         return usual(seed, weights, report)
 
     beyond = torch.tensor([1e6, 1e6, 1e6, 1e-9, 1e6])  # an r0.5 that none comes to
-    found = multi_start.best_end(seeds, finish, frame, beyond, width_min, again=2)
+    found = multi_start.best_end(_made(seeds), finish, frame, lambda: beyond, width_min, again=2)
     again = asked[len(seeds) :]
     assert len(again) == 2
     expected = torch.tensor([1.0, 1.0, 1.0, reweighting.FACTOR_MAX, 1.0])
@@ -114,7 +125,7 @@ def test_no_start_goes_once_more_where_none_shall() -> None:
         return usual(seed, weights, report)
 
     beyond = torch.tensor([1e6, 1e6, 1e6, 1e-9, 1e6])
-    multi_start.best_end(iter(seeds), finish, frame, beyond, width_min)
+    multi_start.best_end(iter(_made(seeds)), finish, frame, lambda: beyond, width_min)
     assert [id(each) for each in asked] == [id(each) for each in seeds]
 
 
@@ -163,7 +174,7 @@ def test_the_first_start_alone_reports_its_steps() -> None:
     seeds, frame, width_min = _starts()
     seen: list[Lobes] = []
     finish = _finish(frame, width_min)
-    multi_start.best_end(seeds, finish, frame, AHEAD, width_min, seen.append)
+    multi_start.best_end(_made(seeds), finish, frame, _ahead, width_min, seen.append)
     alone: list[Lobes] = []
     first_frame.descend(seeds[0][None], frame, frame, LEVELS, width_min, alone.append)
     assert len(seen) == len(alone) > 0
@@ -175,7 +186,7 @@ def test_the_first_start_alone_reports_its_steps() -> None:
 def test_the_end_does_not_depend_on_how_many_starts_run_at_once(threads: int) -> None:
     seeds, frame, width_min = _starts()
     beyond = torch.tensor([1e6, 1e6, 1e6, 1e-9, 1e6])  # so that starts go once more
-    given = seeds, _finish(frame, width_min), frame, beyond, width_min
+    given = _made(seeds), _finish(frame, width_min), frame, lambda: beyond, width_min
     alone = multi_start.best_end(*given, again=2)
     found = multi_start.best_end(*given, again=2, threads=threads)
     assert torch.equal(found.lobes.axes, alone.lobes.axes)
