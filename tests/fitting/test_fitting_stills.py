@@ -126,7 +126,9 @@ def test_what_lags_behind_is_brought_forward_map_by_map() -> None:
     better = balanced_each(found, frames, aims, 0.0)
     for index in range(3):
         which = torch.tensor([index])
-        alone = reweighting.reweighted(found[which], picked(frames, which), aims[index], 0.0)
+        frame = picked(frames, which)
+        own = reweighting.measured(found[which], frame, aims[index])
+        alone = reweighting.reweighted(own, frame, aims[index], 0.0).found
         assert float(better.value[index]) == pytest.approx(float(alone.value), rel=0.02)
     assert torch.equal(better.lobes.axes[1], found.lobes.axes[1])  # where nothing lags
     before, after = (

@@ -14,7 +14,7 @@ from asglight.fitting.first_frame.split_merge import split_and_merge
 from asglight.fitting.loss import adaptive_cells, objective
 from asglight.fitting.loss.grid import grid
 from asglight.fitting.loss.objective import Corners
-from asglight.fitting.steps import light, newton
+from asglight.fitting.steps import newton
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
@@ -248,18 +248,18 @@ def fit_first_frame(
         """Return what errors are to come to on the last adaptive cells."""
         return reweighting.aims(seed(Form.SG, None), last, settings.left)
 
-    def fitted(form: Form) -> newton.Outcome:
+    def fitted(form: Form) -> reweighting.Measured:
         """Return the end of the best start."""
         seeds = [partial(seed, form, spread) for spread in spreads]
         return multi_start.best_end(
             seeds, finish, last, aim, width_min, on_step, settings.again, threads
         )
 
-    found = fitted(first)
-    if form is None and flat_tops.promises(found.lobes, whole, width_min):
+    best = fitted(first)
+    if form is None and flat_tops.promises(best.found.lobes, whole, width_min):
         flat = fitted(Form.FLAT)
-        found = flat if flat_tops.gains(flat, found) else found
-    return with_flux_of(light.with_amplitudes(found, last).lobes[0], frame, float(found.value))
+        best = flat if flat_tops.gains(flat.found, best.found) else best
+    return with_flux_of(best.lit.lobes[0], frame, float(best.found.value))
 
 
 def on_fine_cells(frame: Exposed) -> objective.Target:

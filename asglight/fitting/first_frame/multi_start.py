@@ -15,7 +15,9 @@ from functools import partial
 from torch import Tensor
 
 from asglight.fitting.first_frame import reweighting
+from asglight.fitting.first_frame.reweighting import Measured
 from asglight.fitting.loss import objective
+from asglight.fitting.loss.lobe_images import Images
 from asglight.fitting.steps import light, newton
 from asglight.lobes import Lobes
 from asglight.threads import side_by_side
@@ -31,15 +33,18 @@ class End:
 
     Attributes:
         seed: The start.  [N, .]
-        found: The end.  F = 1
-        lag: Its errors over what they are to come to.  [5]
+        end: The lobes that it came to.
         lit_wrong: J's part of what materials show wrong.
     """
 
     seed: Lobes
-    found: newton.Outcome
-    lag: Tensor
+    end: Measured
     lit_wrong: float
+
+    @property
+    def lag(self) -> Tensor:
+        """Its errors over what they are to come to.  [5]."""
+        return self.end.lag
 
     @property
     def behind(self) -> float:
@@ -66,7 +71,7 @@ def best_end(
     on_step: newton.OnStep | None = None,
     again: int = 0,
     threads: int = 1,
-) -> newton.Outcome:
+) -> Measured:
     """Follow each start to its end, and return the end to take.
 
     Where what materials show lags behind in it, starts that came near may go once more with the
@@ -88,18 +93,19 @@ def best_end(
 
     def reached(made: Callable[[], Lobes], report: newton.OnStep | None) -> End:
         seed = made()
-        return ended(seed, finish(seed, None, report), frame, aim())
+        found = finish(seed, None, report)
+        return ended(seed, reweighting.measured(found, frame, aim()), frame)
 
     def once_more(end: End) -> End:
         """Return where a start comes to with what lags behind in its end raised."""
         weights = reweighting.raised(end.lag)
-        found = ended(end.seed, finish(end.seed, weights, None), frame, aim())
-        return settled(found, frame, aim(), width_min, weights)
+        found = reweighting.measured(finish(end.seed, weights, None), frame, aim())
+        return settled(end.seed, found, frame, aim(), width_min, weights)
 
     reports = itertools.chain([on_step], itertools.repeat(None))
     calls = (partial(reached, *each) for each in zip(seeds, reports, strict=False))
     nearest = sorted(side_by_side(calls, threads), key=lambda each: each.order)
-    mended = settled(nearest[0], frame, aim(), width_min)
+    mended = settled(nearest[0].seed, nearest[0].end, frame, aim(), width_min)
     best = min([mended, *nearest[1:]], key=lambda each: each.settled_order)
     if best.behind > 1:
         going = (partial(once_more, end) for end in nearest[:again])
@@ -107,45 +113,39 @@ def best_end(
             best = min(best, other, key=lambda each: each.settled_order)
             if best.settled_order[0] <= 1:
                 break
-    return best.found
+    return best.end
 
 
 def settled(
-    end: End,
+    seed: Lobes,
+    end: Measured,
     frame: objective.Target,
     aim: Tensor,
     width_min: float,
     weights: Tensor | None = None,
 ) -> End:
     """Return an end after the steps of `reweighting.reweighted`."""
-    found = reweighting.reweighted(end.found, frame, aim, width_min, weights)
-    return ended(end.seed, found, frame, aim)
+    found = reweighting.reweighted(end, frame, aim, width_min, weights)
+    return ended(seed, found, frame)
 
 
-def ended(seed: Lobes, found: newton.Outcome, frame: objective.Target, aim: Tensor) -> End:
-    """Measure an end.
+def ended(seed: Lobes, end: Measured, frame: objective.Target) -> End:
+    """Judge an end.
 
     Args:
         seed: The start.  [N, .]
-        found: Lobes that took steps.  F = 1
+        end: The lobes that it came to.
         frame: The map, with J's own weights.
-        aim: What errors are to come to.
     """
-    return End(seed, found, reweighting.lags(found, frame, aim), lit_wrong(found, frame))
+    return End(seed, end, float(lit_wrong(end.lit, frame)))
 
 
-def lit_wrong(found: newton.Outcome, frame: objective.Target) -> float:
-    """Return `lit_wrong_of_each` of one map."""
-    return float(lit_wrong_of_each(found, frame))
-
-
-def lit_wrong_of_each(found: newton.Outcome, frame: objective.Target) -> Tensor:
+def lit_wrong(lit: Images, frame: objective.Target) -> Tensor:
     """Return J's part of what materials show wrong in the end.  [F].
 
     Args:
-        found: Lobes that took steps.
+        lit: Lobes with the last solution for their light.
         frame: The maps, with J's own weights.
     """
     sharp = replace(frame, corners=light.CORNERS)
-    seen = objective.loss_terms(light.with_amplitudes(found, frame).radiance, sharp).seen
-    return objective.of_materials(seen, sharp)
+    return objective.of_materials(objective.loss_terms(lit.radiance, sharp).seen, sharp)

@@ -11,12 +11,13 @@ Optimization]. No weight goes below that of J: an error with room to spare is no
 """
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from asglight.fitting.loss import adaptive_cells, lobe_images, objective
+from asglight.fitting.loss.lobe_images import Images
 from asglight.fitting.loss.objective import Target
 from asglight.fitting.loss.probes import probe, shares, split
 from asglight.fitting.steps import light, newton
@@ -40,6 +41,21 @@ POWER, FACTOR_MAX = 3.0, 10.0
 which lamps get the lobes changes only where weights change by much."""
 
 
+@dataclass(frozen=True)
+class Measured:
+    """Lobes that took steps, and what they come to.
+
+    Attributes:
+        found: The lobes.  F = 1
+        lit: The same with the last solution for their light, by which they are measured.
+        lag: Each error over what it is to come to: above 1 it lags behind.  [5]
+    """
+
+    found: newton.Outcome
+    lit: Images
+    lag: Tensor
+
+
 def errors(radiance: Tensor, frame: Target) -> Tensor:
     """Return the errors of a reconstruction as asglight.judging defines them, in their order.
 
@@ -57,9 +73,7 @@ def errors(radiance: Tensor, frame: Target) -> Tensor:
     texels = (radiance - frame.radiance)[..., places.count :].abs().sum(1)
     sent = (places.share * frame.radiance.sum(1)).sum(-1)
     env = (places.cell_share * cells).sum(-1) + (places.texel_share * texels).sum(-1)
-    views = [
-        probe(adaptive_cells.to_cells(each, places), rows) for each in (frame.radiance, radiance)
-    ]
+    views = frame.views, probe(adaptive_cells.to_cells(radiance, places), rows)
     share = split(shares(rows, str(radiance.device)), rows)
     found = [env / sent]
     for own, wanted, shown in zip(
@@ -94,9 +108,16 @@ def aims_of_each(yardstick: Lobes, frame: Target, left: tuple[float, ...]) -> Te
     return torch.maximum(found * found.new_tensor(left), found.new_tensor(ENOUGH))
 
 
-def lags(found: newton.Outcome, frame: Target, aim: Tensor) -> Tensor:
-    """Return `lags_of_each` of one map, whose aim is [5].  [5]."""
-    return lags_of_each(found, frame, aim)[0]
+def measured(found: newton.Outcome, frame: Target, aim: Tensor) -> Measured:
+    """Measure lobes of one map.
+
+    Args:
+        found: Lobes that took steps.  F = 1
+        frame: The map, with J's own weights.
+        aim: From `aims`.
+    """
+    lit = light.with_amplitudes(found, frame)
+    return Measured(found, lit, (errors(lit.radiance, frame) / aim)[0])
 
 
 def lags_of_each(found: newton.Outcome, frame: Target, aim: Tensor) -> Tensor:
@@ -134,19 +155,19 @@ def raised(lag: Tensor) -> Tensor:
 
 
 def reweighted(
-    found: newton.Outcome,
+    start: Measured,
     frame: Target,
     aim: Tensor,
     width_min: float,
     weights: Tensor | None = None,
-) -> newton.Outcome:
+) -> Measured:
     """Take steps with the weights of what lags behind raised, while the largest lag goes down.
 
     What materials show is not brought behind for the map, nor paid for it at any price: where the
     map's error alone lags, J rises by no larger a factor than the lag falls by.
 
     Args:
-        found: Lobes that took steps.  F = 1
+        start: The lobes.
         frame: The map, with J's own weights.
         aim: From `aims`.
         width_min: Sigma of the narrowest lobe allowed, radians.
@@ -156,23 +177,24 @@ def reweighted(
         The lobes, with the value of J by its own weights.
     """
     weights = torch.ones_like(aim) if weights is None else weights
-    lag, value, factor = lags(found, frame, aim), float(own_value(found, frame)), FACTOR
+    best, value, factor = start, own_value(start.found, frame), FACTOR
     for _ in range(ROUNDS):
+        lag = best.lag
         if float(lag.max()) <= 1 or factor < FACTOR_LEAST:
             break
         heavier = weights * torch.where(lag > 1, factor, 1.0)
-        ahead = newton.minimise(
-            found.lobes, with_weights(frame, heavier), STEPS, width_min=width_min
+        stepped = newton.minimise(
+            best.found.lobes, with_weights(frame, heavier), STEPS, width_min=width_min
         )
-        left = lags(ahead, frame, aim)
-        lit, lit_ahead = float(lag[1:].max()), float(left[1:].max())
-        fall, value_ahead = float(lag.max() / left.max()), float(own_value(ahead, frame))
-        costs_more = lit <= 1 and value_ahead > fall * value
+        ahead, value_ahead = measured(stepped, frame, aim), own_value(stepped, frame)
+        lit, lit_ahead = float(lag[1:].max()), float(ahead.lag[1:].max())
+        fall = float(lag.max() / ahead.lag.max())
+        costs_more = lit <= 1 and float(value_ahead) > fall * float(value)
         if lit_ahead > max(1.0, lit) or fall <= 1 or costs_more:
             factor = math.sqrt(factor)
         else:
-            found, lag, weights, value = ahead, left, heavier, value_ahead
-    return replace(found, value=own_value(found, frame))
+            best, weights, value = ahead, heavier, value_ahead
+    return replace(best, found=replace(best.found, value=value))
 
 
 def own_value(found: newton.Outcome, frame: Target) -> Tensor:

@@ -79,6 +79,7 @@ class Target:
         radiance: Reference on the adaptive cells.  [F, 3, P]
         parts: Reference on the K parts of each cell.  [F, K, 3, C]
         env_scale: mean |ref|.  [F]
+        views: What the probes show of the reference.  [F, 3, D]
         probe_scale: mean |K_k ref| of each probe.  [F, K']
         view_weight: Weight of each view in J: w_k and its share of the sphere over that.  [F, D]
         corners: phi's corners.
@@ -89,6 +90,7 @@ class Target:
     radiance: Tensor
     parts: Tensor
     env_scale: Tensor
+    views: Tensor
     probe_scale: Tensor
     view_weight: Tensor
     corners: Corners
@@ -195,6 +197,7 @@ def target(
         radiance,
         parts,
         env_scale.clamp(min=SCALE_MIN),
+        views,
         probe_scale,
         shared * of_views(weights / probe_scale, places.rows),
         corners,
@@ -220,7 +223,7 @@ def less(frame: Target, radiance: Tensor) -> Target:
     """Return what some lobes leave to others: J of the others against it is J of all.
 
     Args:
-        frame: The maps; sizes and weights stay theirs.
+        frame: The maps; sizes, views and weights stay theirs.
         radiance: What those lobes show on the adaptive cells.  [F, 3, P]
     """
     cells = radiance[:, None, :, : frame.places.count]

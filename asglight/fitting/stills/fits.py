@@ -150,9 +150,10 @@ def _best_end(batch: _Batch, count: int, form: Form, aims: Tensor) -> newton.Out
     for spread in SETTINGS.spreads_deg:
         seeds = seeds_of_each(batch.cells, count, form, spread)
         found = _finished(batch, seeds)
-        lags = reweighting.lags_of_each(found, batch.last, aims)
+        lit = light.with_amplitudes(found, batch.last)
+        lags = reweighting.errors(lit.radiance, batch.last) / aims
         behind = lags[:, 1:].amax(-1).clamp(min=1.0)
-        wrong = multi_start.lit_wrong_of_each(found, batch.last)
+        wrong = multi_start.lit_wrong(lit, batch.last)
         if best is not None:
             ahead = (behind < best[1]) | ((behind == best[1]) & (wrong < best[2]))
             found = chosen(ahead, found, best[0])

@@ -56,17 +56,19 @@ def test_of_ends_that_do_not_lag_behind_the_one_that_is_lit_best_is_taken() -> N
     seeds, frame, width_min = _starts()
     finish = _finish(frame, width_min)
     ends = [finish(seed, None, None) for seed in seeds]
-    wrong = [multi_start.lit_wrong(end, frame) for end in ends]
+    wrong = [float(multi_start.lit_wrong(light.with_amplitudes(end, frame), frame)) for end in ends]
     assert len(set(wrong)) > 1
     found = multi_start.best_end(_made(seeds), finish, frame, _ahead, width_min)
-    assert torch.equal(found.lobes.amplitude, ends[wrong.index(min(wrong))].lobes.amplitude)
+    assert torch.equal(found.found.lobes.amplitude, ends[wrong.index(min(wrong))].lobes.amplitude)
 
 
 def test_an_end_whose_light_lags_behind_less_comes_before_one_that_is_lit_better() -> None:
     seeds, frame, width_min = _starts()
-    found = _finish(frame, width_min)(seeds[0], None, None)
-    near = multi_start.End(seeds[0], found, torch.tensor([1.5, 0.2, 0.2, 0.9, 0.5]), 2.0)
-    far = multi_start.End(seeds[0], found, torch.tensor([0.5, 0.2, 0.2, 1.1, 0.5]), 1.0)
+    found = reweighting.measured(_finish(frame, width_min)(seeds[0], None, None), frame, _ahead())
+    near, far = (
+        multi_start.End(seeds[0], replace(found, lag=torch.tensor(lag)), wrong)
+        for lag, wrong in (([1.5, 0.2, 0.2, 0.9, 0.5], 2.0), ([0.5, 0.2, 0.2, 1.1, 0.5], 1.0))
+    )
     assert min(near, far, key=lambda each: each.order) is near  # the map's error can be mended
     assert min(near, far, key=lambda each: each.settled_order) is far
 
@@ -81,8 +83,9 @@ def test_an_end_that_needs_no_mending_comes_before_one_that_is_mended_at_the_cos
     told = iter([lit_best, keeps_to_all, mended])
     ends: list[multi_start.End] = []
 
-    def ended(seed: Lobes, found: newton.Outcome, *_: object) -> multi_start.End:
-        ends.append(multi_start.End(seed, found, *next(told)))
+    def ended(seed: Lobes, end: reweighting.Measured, _: objective.Target) -> multi_start.End:
+        lag, wrong = next(told)
+        ends.append(multi_start.End(seed, replace(end, lag=lag), wrong))
         return ends[-1]
 
     monkeypatch.setattr(multi_start, "ended", ended)
@@ -90,7 +93,7 @@ def test_an_end_that_needs_no_mending_comes_before_one_that_is_mended_at_the_cos
         _made(seeds[:2]), _finish(frame, width_min), frame, _ahead, width_min
     )
     assert len(ends) == 3
-    assert found is ends[1].found
+    assert found is ends[1].end
 
 
 def test_the_starts_that_came_nearest_go_once_more_with_what_lags_behind_raised() -> None:
@@ -109,9 +112,9 @@ def test_the_starts_that_came_nearest_go_once_more_with_what_lags_behind_raised(
     expected = torch.tensor([1.0, 1.0, 1.0, reweighting.FACTOR_MAX, 1.0])
     assert all(torch.equal(weights, expected) for _, weights in again if weights is not None)
     ends = [usual(seed, None, None) for seed in seeds]
-    wrong = [float(reweighting.lags(end, frame, beyond)[3]) for end in ends]
+    wrong = [float(reweighting.measured(end, frame, beyond).lag[3]) for end in ends]
     assert again[0][0] is seeds[wrong.index(min(wrong))]
-    assert float(reweighting.lags(found, frame, beyond)[3]) < min(wrong)
+    assert float(found.lag[3]) < min(wrong)
 
 
 def test_no_start_goes_once_more_where_none_shall() -> None:
@@ -166,7 +169,10 @@ def test_an_end_is_judged_with_its_light_solved_as_it_will_be() -> None:
     seen = objective.loss_terms(brighter.shown.radiance, sharp).seen
     # of the thirty percent too much hardly any is left, wherever the solution starts
     unsolved = float(objective.of_materials(seen, sharp))
-    wrong = [multi_start.lit_wrong(each, frame) for each in (end, brighter)]
+    wrong = [
+        float(multi_start.lit_wrong(light.with_amplitudes(each, frame), frame))
+        for each in (end, brighter)
+    ]
     assert abs(wrong[1] - wrong[0]) < 0.05 * (unsolved - wrong[0])
 
 
@@ -189,8 +195,8 @@ def test_the_end_does_not_depend_on_how_many_starts_run_at_once(threads: int) ->
     given = _made(seeds), _finish(frame, width_min), frame, lambda: beyond, width_min
     alone = multi_start.best_end(*given, again=2)
     found = multi_start.best_end(*given, again=2, threads=threads)
-    assert torch.equal(found.lobes.axes, alone.lobes.axes)
-    assert torch.equal(found.lobes.amplitude, alone.lobes.amplitude)
+    assert torch.equal(found.lit.lobes.axes, alone.lit.lobes.axes)
+    assert torch.equal(found.lit.lobes.amplitude, alone.lit.lobes.amplitude)
 
 
 def test_what_materials_show_wrong_is_j_without_the_map() -> None:
