@@ -211,13 +211,24 @@ def _filters(sources: tuple[Probe, ...], rows: int, device: str) -> Tensor:
 @torch.inference_mode(False)
 def _filter(source: Probe, rows: int) -> Tensor:
     """Return the filter of one probe, computed in float64.  [H + 1, H, R]."""
-    texels = latlong.directions(rows, 2 * rows, dtype=torch.float64).reshape(-1, 3)
+    texels, solid_angle = _texels(rows)
     v = (torch.arange(source.rings, dtype=torch.float64) + 0.5) / source.rings
     u = torch.tensor(0.5 / (2 * rows), dtype=torch.float64)  # on the first column of texels
-    cosine = latlong.direction_from_uv(u, v) @ texels.mT
-    size = max(1, kernels.BLOCK // cosine.shape[-1])
-    weight = torch.cat([kernels.kernel_values(source.kernel, c) for c in cosine.split(size)])
-    weight = weight * latlong.texel_solid_angles(rows, 2 * rows, dtype=torch.float64).reshape(-1)
-    weight = (weight / weight.sum(-1, keepdim=True)).reshape(source.rings, rows, 2 * rows)
-    # even in the difference of longitude, so a cosine and its sine are filtered alike
-    return torch.fft.rfft(weight).real.permute(2, 1, 0).float()
+    found = torch.empty(source.rings, rows, rows + 1)
+    some = max(1, kernels.BLOCK // len(texels))
+    cosine = latlong.direction_from_uv(u, v) @ texels.mT  # at once: of one ring it rounds otherwise
+    for of_rings, ring in zip(cosine.split(some), found.split(some), strict=True):
+        weight = kernels.kernel_values(source.kernel, of_rings) * solid_angle
+        weight /= weight.sum(-1, keepdim=True)
+        # even in the difference of longitude, so a cosine and its sine are filtered alike
+        ring.copy_(torch.fft.rfft(weight.unflatten(-1, (rows, 2 * rows))).real)
+    return found.permute(2, 1, 0)
+
+
+@lru_cache(maxsize=1)  # for one probe of a grid after the other
+@torch.inference_mode(False)
+def _texels(rows: int) -> tuple[Tensor, Tensor]:
+    """Return directions [P, 3] and solid angles [P] of the texels of a grid, in float64."""
+    directions = latlong.directions(rows, 2 * rows, dtype=torch.float64).reshape(-1, 3)
+    solid_angle = latlong.texel_solid_angles(rows, 2 * rows, dtype=torch.float64)
+    return directions, solid_angle.reshape(-1)
