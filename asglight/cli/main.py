@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     on_interrupt = "interrupted"
     try:
         _start_ahead(words)
-        with _without_collections(argv is None):
+        with _without_collections(argv is None), _tables_beside(words, argv is None):
             arguments = command_parser(words).parse_args(words)
         on_interrupt = arguments.on_interrupt
         status = arguments.run(arguments)
@@ -81,10 +81,38 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _start_ahead(words: list[str]) -> None:
     """Start the process that decodes images, which loads beside the fitter."""
-    if words[:1] == ["fit"] and not {"-h", "--help", "--scheduler"} & set(words):
+    if _fits(words):
         from asglight.images.decoding.decoders import APART
 
         APART.prepare()
+
+
+def _fits(words: list[str]) -> bool:
+    """Tell whether a command fits in this process."""
+    return words[:1] == ["fit"] and not {"-h", "--help", "--scheduler"} & set(words)
+
+
+@contextlib.contextmanager
+def _tables_beside(words: list[str], is_own_process: bool) -> Iterator[None]:
+    """Make the tables of a first frame on another thread while other modules are loaded.
+
+    They take as long as what is left to load after torch: together a tenth of a second.
+
+    Args:
+        words: Of the command.
+        is_own_process: In one that had commands before, they are there.
+    """
+    if not (is_own_process and _fits(words)):
+        yield
+        return
+    from asglight.fitting.first_frame import fit
+    from asglight.threads import beside, threads_there
+
+    if threads_there() < 2:
+        yield
+        return
+    with beside([fit.prepare]):
+        yield
 
 
 @contextlib.contextmanager

@@ -53,7 +53,7 @@ library = ctypes.CDLL(sys.argv[-1])
 print(library.scipy_openblas_get_num_threads64_())
 """
 FIT = """\
-import sys
+import sys, threading
 import asglight
 from asglight.cli import main as cli
 from asglight.images.decoding import decoders
@@ -66,11 +66,14 @@ def started(module):
 def loaded(name, command):
     load(name, command)
     print('options:', *sys.modules)
+    print('threads:', sys.modules['torch'].get_num_threads(), threading.active_count())
     asglight.fit_sequence
     print('python:', 'pxr' in sys.modules)
 
 decoders.Apart, cli._load = started, loaded
-sys.exit(cli.main())
+status = cli.main()
+print('threads:', sys.modules['torch'].get_num_threads(), threading.active_count())
+sys.exit(status)
 """
 
 
@@ -212,6 +215,15 @@ def test_a_fit_starts_its_decoder_before_it_loads_torch(fit: Loaded) -> None:
     # one process for the whole fit
     decoders = [line for line in fit.out.splitlines() if line.startswith("decoder: ")]
     assert decoders == ["decoder: False"]
+
+
+def test_a_fit_makes_its_tables_on_another_thread_while_its_options_are_loaded(
+    fit: Loaded,
+) -> None:
+    lines = [line.split()[1:] for line in fit.out.splitlines() if line.startswith("threads: ")]
+    (allowed, beside), (after, left) = (map(int, line) for line in lines)
+    assert beside == min(allowed, 2)  # the other cores are for what waits for them
+    assert (after, left) == (allowed, 1)
 
 
 def test_the_command_says_nothing_at_its_end(fit: Loaded) -> None:

@@ -18,10 +18,12 @@ from asglight.fitting.first_frame.fit import (
     FirstFrameSettings,
     Level,
     fit_first_frame,
+    prepare,
 )
 from asglight.fitting.following import next_frame
 from asglight.fitting.following.next_frame import fit_next_frame
 from asglight.fitting.following.slots import with_spare_tracks
+from asglight.fitting.loss import probes
 from asglight.fitting.loss.objective import Corners
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
@@ -49,6 +51,15 @@ def flux_of(radiance: Tensor) -> Tensor:
 
 def brightest(lobes: Lobes) -> int:
     return int((lobes.amplitude.sum(-1) * lobes.sharpness.amax(-1)).argmax())
+
+
+@pytest.mark.parametrize("height", [128, 256])
+def test_who_prepared_makes_no_table_of_probes_while_a_map_is_fitted(height: int) -> None:
+    prepare()
+    before = probes._tables.cache_info(), torch.get_num_threads()
+    fit_first_frame(sky_and_sun(30.0, height), 2, Form.ASG, BRIEF)
+    assert probes._tables.cache_info().misses == before[0].misses
+    assert torch.get_num_threads() == before[1]
 
 
 @pytest.mark.parametrize("form", list(Form))

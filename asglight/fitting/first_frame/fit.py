@@ -19,7 +19,7 @@ from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
-from asglight.threads import once
+from asglight.threads import once, one_thread
 
 
 class Splitting(Protocol):
@@ -260,6 +260,15 @@ def fit_first_frame(
         flat = fitted(Form.FLAT)
         best = flat if flat_tops.gains(flat.found, best.found) else best
     return with_flux_of(best.lit.lobes[0], frame, float(best.found.value))
+
+
+def prepare() -> None:
+    """Make the tables that first frames have in common; those of `fit_first_frame` are kept."""
+    with one_thread(), torch.inference_mode():
+        dark = torch.zeros(1, 3, 2 * FINE_ROWS**2)
+        objective.target(dark)
+        objective.trial_target(dark)
+        on_fine_cells(Exposed(dark, 0.0, dark.sum(-1)[0], FINE_ROWS))
 
 
 def on_fine_cells(frame: Exposed) -> objective.Target:
