@@ -131,7 +131,7 @@ static void loss_terms(const Adaptive *adaptive, const Target *target, const Pro
     error += sum(total);
     to_cells(adaptive, 3, ONES, residual, cells, LANE);
     float *shown = scratch(SEEN, LANE * probes->views);
-    probe_lanes(probes, LANE, cells, shown);
+    probe_few(probes, cells, shown);
     double wrong = 0;
     int64_t first = 0;
     for (int source = 0; source < probes->sources; source++) {
@@ -199,7 +199,7 @@ static void loss_gradient(const Adaptive *adaptive, const Target *target, const 
         for (int c = 0; c < 3; c++) all[c] = views[c * probes->views + d] * view_weight[d];
         store(pulled + LANE * d, all);
     }
-    pull_lanes(probes, LANE, pulled, cells);
+    pull_few(probes, pulled, cells);
     add_from_cells(adaptive, cells, slope);
 }
 

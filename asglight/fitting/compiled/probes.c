@@ -193,37 +193,155 @@ void probe_lanes(const Probes *probes, int lanes, const float *images, float *vi
     }
 }
 
-/* probes.pull: views [view][lane], images [row][column][lane]. */
-void pull_lanes(const Probes *probes, int lanes, const float *views, float *images) {
-    int rows = probes->rows, half = half_of(rows), wide = 2 * lanes;
-    long row_size = 2L * rows * lanes, size = spectrum_size(probes, lanes);
-    float *spectra = scratch(SPECTRUM, 2 * size), *mirrored = scratch(MIRRORED, 2 * row_size);
-    float *rings = scratch(RINGS, rings_size(probes, lanes));
-    clear(2 * size, spectra);
+/* Images of one map have three channels, and the mean radiance one: they fill less than half of a
+ * vector. So two rows lie side by side in one, the sum and the difference of mirrored ones, and then
+ * two mirrored rings. Each lane sums in the order of `probe_lanes`. */
+enum { HALF = LANE / 2 };
+
+/* Of two vectors the first half each, and the second. */
+static inline vec firsts(vec a, vec b) { return (vec){a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]}; }
+static inline vec seconds(vec a, vec b) { return (vec){a[4], a[5], a[6], a[7], b[4], b[5], b[6], b[7]}; }
+
+/* both[i] = one's and other's first half side by side; no other where it is the one. */
+static void join(long count, const float *one, const float *other, float *both) {
+    for (long i = 0; i < count; i++)
+        store(both + i * LANE, firsts(load(one + i * LANE),
+                                      other == one ? splat(0.0f) : load(other + i * LANE)));
+}
+
+/* The transpose. */
+static void part(long count, const float *both, float *one, float *other) {
+    for (long i = 0; i < count; i++) {
+        vec each = load(both + i * LANE);
+        if (other != one) store(other + i * LANE, seconds(each, splat(0.0f)));
+        store(one + i * LANE, firsts(each, splat(0.0f)));
+    }
+}
+
+/* Side by side: the sum and the difference of two, or back; of a middle one that is alone. */
+static void exchange(long count, int alone, float *both) {
+    for (long i = 0; !alone && i < count; i++) {
+        vec each = load(both + i * LANE), other = seconds(each, each);
+        each = firsts(each, each);
+        store(both + i * LANE, firsts(each + other, each - other));
+    }
+}
+
+/* Waves of two, [wave][cosine, sine][one, other], to those of each, [wave][cosine, sine], of which
+ * the next wave lies `next` floats further on. */
+static void part_waves(int count, const float *both, float *one, float *other, long next) {
+    for (int wave = 0; wave < count; wave++) {
+        vec cosine = load(both + 2 * wave * LANE), sine = load(both + (2 * wave + 1) * LANE);
+        store(one + wave * next, firsts(cosine, sine));
+        store(other + wave * next, seconds(cosine, sine));
+    }
+}
+
+/* The transpose. */
+static void join_waves(int count, const float *one, const float *other, long next, float *both) {
+    for (int wave = 0; wave < count; wave++) {
+        vec a = load(one + wave * next), b = load(other + wave * next);
+        store(both + 2 * wave * LANE, firsts(a, b));
+        store(both + (2 * wave + 1) * LANE, seconds(a, b));
+    }
+}
+
+/* Memory for two rows side by side, their waves, and the waves of all rows: of sums, of differences. */
+typedef struct {
+    float *row, *waves, *spectra[2];
+} Pairs;
+
+static Pairs pairs(const Probes *probes) {
+    long size = (long)probes->waves * half_of(probes->rows) * LANE;
+    long row = 2L * probes->rows * LANE;
+    float *at = scratch(MIRRORED, row + 2L * probes->waves * LANE);
+    float *spectra = scratch(SPECTRUM, 2 * size);
+    return (Pairs){at, at + row, {spectra, spectra + size}};
+}
+
+/* `probe_lanes` of images of which a HALF of the lanes counts. */
+void probe_few(const Probes *probes, const float *images, float *views) {
+    int rows = probes->rows, half = half_of(rows);
+    Pairs own = pairs(probes);
+    for (int row = 0; row < half; row++) {
+        const float *one = images + 2L * rows * LANE * row;
+        const float *other = images + 2L * rows * LANE * (rows - 1 - row);
+        join(2 * rows, one, other, own.row);
+        exchange(2 * rows, one == other, own.row);
+        analyse(2 * rows, probes->waves, LANE, of_rows(probes), own.row, own.waves, 2 * LANE);
+        part_waves(probes->waves, own.waves, own.spectra[0] + (long)row * LANE,
+                   own.spectra[1] + (long)row * LANE, (long)half * LANE);
+    }
     for (int source = 0; source < probes->sources; source++) {
-        int own = probes->own_waves[source], count = probes->rings[source], some = half_of(count);
-        float *filtered = scratch(FILTERED, 2L * some * wide);
-        for (int ring = 0; ring < count; ring++) {
-            analyse(probes->counts[source], own, lanes, of_rings(probes, source), views,
-                    rings + (long)ring * own * wide, wide);
-            views += (long)probes->counts[source] * lanes;
-        }
-        for (int wave = 0; wave < own; wave++) {
-            fold(count - 1, wide, rings + (long)wave * wide, (long)own * wide, filtered,
-                 filtered + (long)some * wide);
+        int count = probes->counts[source], all = probes->rings[source], some = half_of(all);
+        int waves = probes->own_waves[source];
+        long ring_size = 2L * waves * LANE, view_size = (long)count * LANE;
+        float *rings = scratch(RINGS, some * ring_size), *both = scratch(LAID_VIEWS, view_size);
+        float *filtered = scratch(FILTERED, 2L * some * LANE), *less = filtered + some * LANE;
+        for (int wave = 0; wave < waves; wave++) {
             for (int minus = 0; minus < 2; minus++)
-                product(half, wide, some, filter_of(probes, source, wave, minus), 1, half,
-                        filtered + (long)minus * some * wide, wide,
-                        spectra + minus * size + (long)wave * half * wide, wide, 1);
+                product(some, LANE, half, filter_of(probes, source, wave, minus), half, 1,
+                        own.spectra[minus] + (long)wave * half * LANE, LANE,
+                        minus ? less : filtered, LANE, 0);
+            for (int ring = 0; ring < some; ring++) {
+                vec a = load(filtered + ring * LANE), b = load(less + ring * LANE);
+                vec plus = a, minus = splat(0.0f);
+                if (2 * ring < all - 1) plus = a + b, minus = a - b;
+                float *to = rings + ring * ring_size + 2L * wave * LANE;
+                store(to, firsts(plus, minus));
+                store(to + LANE, seconds(plus, minus));
+            }
         }
+        for (int ring = 0; ring < some; ring++) {
+            synthesise(count, waves, LANE, of_rings(probes, source), rings + ring * ring_size,
+                       2 * LANE, both);
+            part(count, both, views + ring * view_size, views + (all - 1 - ring) * view_size);
+        }
+        views += all * view_size;
+    }
+}
+
+/* probes.pull: views [view][lane], images [row][column][lane]; a HALF of the lanes counts. */
+void pull_few(const Probes *probes, const float *views, float *images) {
+    int rows = probes->rows, half = half_of(rows);
+    Pairs own = pairs(probes);
+    clear(2L * probes->waves * half * LANE, own.spectra[0]);
+    for (int source = 0; source < probes->sources; source++) {
+        int count = probes->counts[source], all = probes->rings[source], some = half_of(all);
+        int waves = probes->own_waves[source];
+        long ring_size = 2L * waves * LANE, view_size = (long)count * LANE;
+        float *rings = scratch(RINGS, some * ring_size), *both = scratch(LAID_VIEWS, view_size);
+        float *filtered = scratch(FILTERED, 2L * some * LANE), *less = filtered + some * LANE;
+        for (int ring = 0; ring < some; ring++) {
+            join(count, views + ring * view_size, views + (all - 1 - ring) * view_size, both);
+            analyse(count, waves, LANE, of_rings(probes, source), both, rings + ring * ring_size,
+                    2 * LANE);
+        }
+        for (int wave = 0; wave < waves; wave++) {
+            for (int ring = 0; ring < some; ring++) {
+                const float *from = rings + ring * ring_size + 2L * wave * LANE;
+                vec cosine = load(from), sine = load(from + LANE);
+                vec a = firsts(cosine, sine), b = seconds(cosine, sine);
+                vec plus = a, minus = splat(0.0f);
+                if (2 * ring < all - 1) plus = a + b, minus = a - b;
+                store(filtered + ring * LANE, plus);
+                store(less + ring * LANE, minus);
+            }
+            for (int minus = 0; minus < 2; minus++)
+                product(half, LANE, some, filter_of(probes, source, wave, minus), 1, half,
+                        minus ? less : filtered, LANE,
+                        own.spectra[minus] + (long)wave * half * LANE, LANE, 1);
+        }
+        views += all * view_size;
     }
     for (int row = 0; row < half; row++) {
-        for (int minus = 0; minus < 2; minus++)
-            synthesise(2 * rows, probes->waves, lanes, of_rows(probes),
-                       spectra + minus * size + (long)row * wide, (long)half * wide,
-                       mirrored + minus * row_size);
-        unfold(row < rows - 1 - row, row_size, mirrored, mirrored + row_size,
-               images + row * row_size, (rows - 1 - 2 * row) * row_size);
+        float *one = images + 2L * rows * LANE * row;
+        float *other = images + 2L * rows * LANE * (rows - 1 - row);
+        join_waves(probes->waves, own.spectra[0] + (long)row * LANE,
+                   own.spectra[1] + (long)row * LANE, (long)half * LANE, own.waves);
+        synthesise(2 * rows, probes->waves, LANE, of_rows(probes), own.waves, 2 * LANE, own.row);
+        exchange(2 * rows, one == other, own.row);
+        part(2 * rows, own.row, one, other);
     }
 }
 
@@ -234,7 +352,10 @@ API void asglight_probe(int64_t count, const Probes *probes, const float *images
     float *laid = scratch(LAID, cells * lanes), *seen = scratch(SEEN, probes->views * lanes);
     for (int64_t p = 0; p < cells; p++)
         for (int l = 0; l < lanes; l++) laid[p * lanes + l] = l < count ? images[l * cells + p] : 0;
-    probe_lanes(probes, lanes, laid, seen);
+    if (count <= HALF)
+        probe_few(probes, laid, seen);
+    else
+        probe_lanes(probes, lanes, laid, seen);
     for (int64_t l = 0; l < count; l++)
         for (int64_t d = 0; d < probes->views; d++)
             views[l * probes->views + d] = seen[d * lanes + l];

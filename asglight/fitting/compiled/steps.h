@@ -179,7 +179,7 @@ float *scratch(int which, long floats);
 
 /* Which piece of memory `scratch` gives: no two that are in use at the same time are one. */
 enum {
-    SAMPLES, SPECTRUM, RINGS, MIRRORED, FILTERED, /* probes.c */
+    SAMPLES, SPECTRUM, RINGS, MIRRORED, FILTERED, LAID_VIEWS, /* probes.c */
     LAID, SEEN,                                   /* images and views, a lane a channel */
     GRAMS, COLUMN_IMAGES, RINGS_OF_COLUMNS,       /* equations.c */
     SYSTEM,                                       /* steps.c */
@@ -241,6 +241,7 @@ void probe_lanes(const Probes *probes, int lanes, const float *images, float *vi
 void probe_ring(const Probes *probes, int source, int ring, int lanes, const float *rings,
                 float *views);
 void probe_rings(const Probes *probes, int lanes, const float *images, float *rings);
-void pull_lanes(const Probes *probes, int lanes, const float *views, float *images);
+void probe_few(const Probes *probes, const float *images, float *views);
+void pull_few(const Probes *probes, const float *views, float *images);
 
 #endif

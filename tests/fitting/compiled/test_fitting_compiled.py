@@ -337,6 +337,14 @@ def test_what_is_raised_after_a_step_ends_the_steps(error: Any) -> None:
     assert len(calls) == 2
 
 
+@pytest.mark.parametrize("rows", [16, 50, 64, 65])
+def test_few_images_are_probed_to_the_bit_as_among_many(rows: int) -> None:
+    images = torch.randn(11, 2 * rows * rows, generator=torch.Generator().manual_seed(rows))
+    among = probes.probe(images, rows)
+    for first, last in ((0, 1), (2, 5), (7, 11)):
+        assert torch.equal(probes.probe(images[first:last], rows), among[first:last])
+
+
 @pytest.mark.parametrize("rows", [7, 10, 32, 64])
 @pytest.mark.parametrize("count", [1, 3, 15])
 def test_probes_show_what_they_do_in_torch(
