@@ -89,21 +89,23 @@ def cells(reference: Tensor) -> Cells:
     height, width, _ = reference.shape
     moments, solid_angle = _of_directions(height, width, str(reference.device))
     radiance = reference.double()
-    features = torch.cat([radiance, radiance.sum(-1, keepdim=True) * moments], dim=-1)
-    integrals = features * solid_angle  # RGB, power times direction and its outer product
+    # RGB, power times direction and its outer product; no more of so much memory than it takes
+    integrals = moments.new_empty(height, width, 3 + moments.shape[-1])
+    integrals[..., :3] = radiance
+    torch.mul(radiance.sum(-1, keepdim=True), moments, out=integrals[..., 3:])
+    integrals *= solid_angle
     enough = BRIGHT_SHARE * integrals[..., :3].sum()
     parts: list[Tensor] = []
     reached = torch.ones(1, 1, dtype=torch.bool, device=reference.device)
     sizes = [rows for rows in CELL_ROWS if rows < height and height % rows == 0]
-    for rows in (*sizes, height):
+    for rows in sizes:
         factor = height // rows
-        reached = reached.repeat_interleave(rows // reached.shape[0], 0)
-        reached = reached.repeat_interleave(2 * rows // reached.shape[1], 1)
+        reached = _finer(reached, rows)
         blocks = integrals.unflatten(1, (-1, factor)).sum(2).unflatten(0, (-1, factor)).sum(1)
         bright = blocks[..., :3].sum(-1) > enough
-        taken = reached if rows == height else reached & ~bright
-        parts.append(blocks[taken])
+        parts.append(blocks[reached & ~bright])
         reached = reached & bright
+    parts.append(integrals[_finer(reached, height)])
     summed = torch.cat(parts)
     power = summed[:, :3].sum(-1)
     lit = power > 0
@@ -117,6 +119,12 @@ def cells(reference: Tensor) -> Cells:
         second=summed[:, 6:].reshape(-1, 3, 3) / power[:, None, None],
         variance_min=(WIDTH_MIN_TEXELS * math.pi / height) ** 2,
     )
+
+
+def _finer(blocks: Tensor, rows: int) -> Tensor:
+    """Repeat what is known of blocks on a finer grid.  [H', 2 H' or 1] -> [rows, 2 rows]."""
+    finer = blocks.repeat_interleave(rows // blocks.shape[0], 0)
+    return finer.repeat_interleave(2 * rows // blocks.shape[1], 1)
 
 
 @lru_cache(maxsize=4)
