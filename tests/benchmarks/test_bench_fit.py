@@ -144,7 +144,7 @@ def test_a_tolerance_measures_the_fewest_lobes_alone(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fit_leaving_out, "SKY_ROWS", 8)
-    options = ["-o", str(tmp_path), "--tolerance", "0.1", "--quick", "--frames", "2"]
+    options = ["-o", str(tmp_path), "--tolerance", "0.3", "--quick", "--frames", "2"]
     with contextlib.redirect_stdout(io.StringIO()) as output:
         assert fit.main([*words, *options, "--threads", "1"]) == 0
     result = json.loads((tmp_path / "fit.json").read_text())
@@ -154,11 +154,11 @@ def test_a_tolerance_measures_the_fewest_lobes_alone(
     assert [one["frames"] for one in found.values()] == [1, 1, 1, 2, 2]
     assert all(one["lobes"] >= 1 and one["cpu_seconds"] > 0 for one in found.values())
     for one in found.values():
-        assert one["tolerance_met"] == (max(one["judged"].values()) <= 0.1)
+        assert one["tolerance_met"] == (max(one["judged"].values()) <= 0.3)
     header, _, *rows = output.getvalue().splitlines()
     assert header == "| input | frames | lobes | worst irr | worst r0.5 | met | isotropic | CPU s |"
     assert [row.split(" | ")[1] for row in rows[:5]] == ["1", "1", "1", "2", "2"]
-    assert "stay at or below 0.1" in rows[-1]
+    assert "stay at or below 0.3" in rows[-1]
 
 
 @pytest.mark.parametrize("text", ["0", "1", "nan", "much"])

@@ -58,7 +58,7 @@ def test_every_change_is_followed_by_every_fit(
         write_exr(tmp_path / f"sky{index}.exr", sky_and_sun(degrees, 16))
     monkeypatch.setattr(hard, "ROWS", 16)
     monkeypatch.setattr(hard, "FRAMES", 3)
-    monkeypatch.setattr(hard, "LOBES", 3)
+    monkeypatch.setattr(hard, "LOBES", 2)
     monkeypatch.setattr(hard, "CHANGES", {"cuts": lambda one, two: [one, two, one]})
     assert hard.main(["--maps", str(tmp_path)]) == 0
     _, _, *rows = capsys.readouterr().out.splitlines()

@@ -27,9 +27,9 @@ def few_rays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @lru_cache(maxsize=1)
 def ten() -> list[Any]:
-    """Return the cases; shots of three frames."""
+    """Return the cases; shots of two frames."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cases, "FRAMES", 3)
+        patch.setattr(cases, "FRAMES", 2)
         return list(cases.cases(10, seed=7, rows=ROWS))
 
 

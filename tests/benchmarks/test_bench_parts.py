@@ -45,7 +45,7 @@ def test_a_shot_is_fitted_whole_and_in_parts(
 ) -> None:
     monkeypatch.setattr(parts, "OVERLAP", 2)
     done = parts._done
-    fewer = {"fit": ["--lobes", "4"], "stitch": []}
+    fewer = {"fit": ["--lobes", "2"], "stitch": []}
     monkeypatch.setattr(parts, "_done", lambda words: done([*words, *fewer[words[0]]]))
     for frame in range(6):
         write_exr(tmp_path / f"sky.{frame + 1:04d}.exr", sky_and_sun(2.0 * frame, 16))

@@ -25,7 +25,7 @@ worker = module("steps.rounding_worker")
 ridge = module("steps.ridge")
 clean_scene = module("shots.clean_scene")
 
-ROWS, LOBES = {"1001": 32, "1030": 16}, {"1001": 4, "1030": 2}
+ROWS, LOBES = {"1001": 16, "1030": 8}, {"1001": 3, "1030": 2}
 """Of the frames of the built-in environment that are fitted in float32 and in float64."""
 
 

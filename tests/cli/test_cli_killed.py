@@ -4,12 +4,11 @@
 import os
 import signal
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import sky_files
-from forked import Nursery, nursery
+from forked import Forks
 
 from asglight.cli.main import main
 
@@ -60,10 +59,9 @@ MOMENTS = {
 
 
 @pytest.fixture(scope="module")
-def forks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nursery]:
+def forks(tmp_path_factory: pytest.TempPathFactory) -> Forks:
     """Return what starts the fits that are killed."""
-    with nursery(tmp_path_factory.mktemp("said")) as forks:
-        yield forks
+    return Forks(tmp_path_factory.mktemp("said"))
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +85,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_a_killed_and_resumed_fit_is_the_unbroken_one(
-    forks: Nursery, source: Path, unbroken: dict[str, bytes], tmp_path: Path, moment: str
+    forks: Forks, source: Path, unbroken: dict[str, bytes], tmp_path: Path, moment: str
 ) -> None:
     fit = ("fit", source, "-o", tmp_path / "shot.usda", *OPTIONS)
     killed = forks.run(*fit, hook=MOMENTS[moment])
@@ -97,7 +95,7 @@ def test_a_killed_and_resumed_fit_is_the_unbroken_one(
 
 
 def test_a_fit_killed_from_outside_and_resumed_is_the_unbroken_one(
-    forks: Nursery, tmp_path: Path
+    forks: Forks, tmp_path: Path
 ) -> None:
     source = sky_files.write_sequence(tmp_path / "in", range(1, 7))
     outputs = [tmp_path / name / "shot.usda" for name in ("whole", "killed")]
@@ -120,7 +118,7 @@ def test_a_fit_killed_from_outside_and_resumed_is_the_unbroken_one(
 
 
 def test_an_interrupted_fit_keeps_its_checkpoint(
-    forks: Nursery, source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    forks: Forks, source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fit = ("fit", source, "-o", tmp_path / "shot.usda", *OPTIONS)
     hook = AFTER_FRAME.format(frames=2, signal="SIGINT")
@@ -134,7 +132,7 @@ def test_an_interrupted_fit_keeps_its_checkpoint(
 
 
 def test_a_disk_that_fills_up_is_one_line_and_the_fit_resumes(
-    forks: Nursery, source: Path, unbroken: dict[str, bytes], tmp_path: Path
+    forks: Forks, source: Path, unbroken: dict[str, bytes], tmp_path: Path
 ) -> None:
     fit = ("fit", source, "-o", tmp_path / "shot.usda", *OPTIONS)
     # bytes a file may have: the header and the first frame fit, the second frame does not
@@ -156,7 +154,7 @@ def test_a_disk_that_fills_up_is_one_line_and_the_fit_resumes(
 
 
 def test_a_second_fit_of_the_same_output_is_refused(
-    forks: Nursery, source: Path, tmp_path: Path
+    forks: Forks, source: Path, tmp_path: Path
 ) -> None:
     from asglight.shots.kept.checkpoint import Checkpoint, header_of
 

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import written_stages
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 from scipy.spatial.transform import Rotation
 from usd_tracks import edited, of_every_kind
 
-from asglight.usd import read_stage, write_usd
+from asglight.usd import read_stage
 from integrations.blender.plain import edits, rigs
 from integrations.blender.plain.edits import Seen, View
 from integrations.blender.plain.rigs import Rig
@@ -28,7 +29,7 @@ EVERY = ("cards", "distant", "dome")
 @pytest.fixture
 def stage(tmp_path: Path) -> Path:
     path = tmp_path / "shot.usda"
-    write_usd(of_every_kind(FRAMES), path, dome_height=8)
+    written_stages.put(of_every_kind(FRAMES), path, dome_height=8)
     return path
 
 
@@ -64,10 +65,12 @@ def test_lights_are_what_usd_says_at_every_time(stage: Path) -> None:
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_a_rig_is_the_same_whatever_the_stage_s_axis(tmp_path: Path, up_axis: str) -> None:
     path = tmp_path / "shot.usda"
-    write_usd(of_every_kind(FRAMES), path, dome_height=8, up_axis=up_axis, colorspace="ACEScg")
+    written_stages.put(
+        of_every_kind(FRAMES), path, dome_height=8, up_axis=up_axis, colorspace="ACEScg"
+    )
     # lights are written in the space of the stage, and are Rec.709 again
     plain = tmp_path / "plain.usda"
-    write_usd(of_every_kind(FRAMES), plain, dome_height=8)
+    written_stages.put(of_every_kind(FRAMES), plain, dome_height=8)
     for found, expected in zip(read(path).lamps, read(plain).lamps, strict=True):
         places = found.place.position.at(TIMES), expected.place.position.at(TIMES)
         np.testing.assert_allclose(*places, atol=SAG)
@@ -80,7 +83,7 @@ def test_a_rig_is_the_same_whatever_the_stage_s_axis(tmp_path: Path, up_axis: st
 
 def test_suns_have_their_irradiance_and_domes_their_images(tmp_path: Path) -> None:
     path = tmp_path / "shot.usda"
-    write_usd(of_every_kind(FRAMES), path, representations=EVERY, dome_height=8)
+    written_stages.put(of_every_kind(FRAMES), path, representations=EVERY, dome_height=8)
     opened = Usd.Stage.Open(str(path))
     (prim,) = rigs.rig_prims(opened)
     assert rigs.representations(prim) == ["cards", "distant", "dome"]
@@ -193,7 +196,7 @@ def test_asglight_reads_edits_as_what_was_done(
     tmp_path: Path, change: str, representations: tuple[str, ...]
 ) -> None:
     stage = tmp_path / "shot.usda"
-    write_usd(of_every_kind(FRAMES), stage, dome_height=8, representations=representations)
+    written_stages.put(of_every_kind(FRAMES), stage, dome_height=8, representations=representations)
     opened = Usd.Stage.Open(str(stage))
     (prim,) = rigs.rig_prims(opened)
     if len(representations) > 1:

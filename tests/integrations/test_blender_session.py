@@ -31,7 +31,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     stage = folder / "shot.usda"
     write_usd(of_every_kind((1001, 1002, 1003)), stage, dome_height=16)
     image = folder / "sky.exr"
-    write_exr(image, radiance(SkyConfig(), 1001, 64))
+    write_exr(image, radiance(SkyConfig(), 1001, 16))
     command = folder / "asglight"
     command.write_text(
         f"#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -c "

@@ -13,8 +13,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import cloudpickle
+import dask.config
 import distributed
 import farm_files
+import loaded
 import pytest
 
 from asglight.cli.main import main
@@ -45,9 +47,14 @@ def other_cluster() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
-    ) as cluster:
+    loaded.context()
+    forks = {"distributed.worker.multiprocessing-method": "forkserver"}
+    with (
+        dask.config.set(forks),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+        ) as cluster,
+    ):
         for nanny in cluster.workers.values():
             nanny.instantiate = stay_away
         yield cluster.scheduler_address

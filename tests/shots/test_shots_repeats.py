@@ -92,7 +92,8 @@ def test_the_refinement_counts_a_repeat_once(tmp_path: Path) -> None:
     assert [event.position for event in done] == [1, 2, 3, 4, 5, 6]
 
 
-HELD = [1, 2, 2, 2, 3, 3]
+HELD = [1, 2, 2, 2, 13, 13]
+"""The lamp jumps once, where the frame is fitted from the start."""
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ THREE = (
 LIVE = FitOptions(tolerance=0.02, preset=Preset.LIVE)
 
 
-def write_lamps(folder: Path, scenes: list[Lobes], height: int = 32) -> Path:
+def write_lamps(folder: Path, scenes: list[Lobes], height: int = 16) -> Path:
     """Write frames 1, 2, ... that are rendered lobes."""
     folder.mkdir()
     for frame, scene in enumerate(scenes, 1):

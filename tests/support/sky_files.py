@@ -8,9 +8,14 @@ import OpenEXR
 
 
 def sky(frame: int, height: int = 8) -> np.ndarray:
-    """Return an even sky with one lamp that moves a column a frame.  [H, 2 H, 3]."""
+    """Return an even sky with one lamp that moves a quarter of a column a frame.  [H, 2 H, 3].
+
+    A lamp that jumped by a column, here 22 degrees, would have each frame fitted from the start.
+    """
     values = np.full((height, 2 * height, 3), 0.1, dtype=np.float32)
-    values[height // 3, frame % (2 * height)] = (9.0, 6.0, 3.0)
+    column, quarters = divmod(frame, 4)
+    for place, share in ((column, 1 - quarters / 4), (column + 1, quarters / 4)):
+        values[height // 3, place % (2 * height)] += share * np.float32([8.9, 5.9, 2.9])
     return values
 
 

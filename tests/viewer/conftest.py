@@ -11,11 +11,11 @@ import moderngl
 import pytest
 import torch
 import windows
+import written_stages
 
 from asglight import shader_files
 from asglight.lobes import Form, Lobes, LobeTracks, frames
 from asglight.sphere import latlong
-from asglight.usd import write_usd
 from asglight.viewer.gl import glsl, passes
 
 
@@ -63,5 +63,5 @@ def two_lamps() -> LobeTracks:
 @pytest.fixture
 def stage_of_two_lamps(two_lamps: LobeTracks, tmp_path: Path) -> Path:
     """Write the two lamps as a stage."""
-    write_usd(two_lamps, tmp_path / "shot.usda", dome_height=2)
+    written_stages.put(two_lamps, tmp_path / "shot.usda", dome_height=2)
     return tmp_path / "shot.usda"

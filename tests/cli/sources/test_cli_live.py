@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import loaded
 import processes
 import pytest
 import sky_files
@@ -15,6 +16,7 @@ import torch
 from places import ROOT, SHARED, SUPPORT
 from stand_in_fit import FRAMES, StandInJob
 
+from asglight.cli.sources import live_source
 from asglight.cli.sources.live_source import LiveJob, LiveSource
 from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
 from asglight.images import open_sequence
@@ -39,6 +41,12 @@ def start() -> Iterator[Start]:
     yield started
     for source in sources:
         source.close()
+
+
+@pytest.fixture
+def forks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let processes be forks that need not load torch; a signal is ignored by no fork."""
+    monkeypatch.setattr(live_source.multiprocessing, "get_context", loaded.context)
 
 
 @pytest.fixture
@@ -103,6 +111,7 @@ def test_lobes_are_those_of_a_direct_fit_and_ctrl_c_is_left_to_the_viewer(
     assert source.poll() is None
 
 
+@pytest.mark.usefixtures("forks")
 @pytest.mark.skipif(not DAY.is_dir(), reason="needs ../shared/sequences/day")
 def test_lobes_of_the_day_are_those_of_a_direct_fit(start: Start) -> None:
     job = LiveJob((1001, 1002), str(DAY))
@@ -149,6 +158,7 @@ def test_a_killed_process_is_a_failure_and_keeps_its_frames(start: Start) -> Non
     assert status.message == ""
 
 
+@pytest.mark.usefixtures("forks")
 def test_a_bad_image_is_a_failure_after_the_frames_before_it(start: Start, job: LiveJob) -> None:
     assert job.source is not None
     (Path(job.source) / "sky.1003.exr").write_text("no image")

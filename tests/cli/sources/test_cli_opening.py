@@ -4,21 +4,22 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import loaded
 import numpy as np
 import processes
 import pytest
 import shot_files
 import sky_files
 import torch
+import written_stages
 
-from asglight.cli.sources import built_in
+from asglight.cli.sources import built_in, live_source
 from asglight.cli.sources.live_source import LiveSource
 from asglight.cli.sources.opening import Request, opened, stage_of
 from asglight.errors import InputError
 from asglight.images.options import ReadOptions
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import stack
-from asglight.usd import write_usd
 from asglight.viewer.state.session import Session
 
 FRAMES = (1001, 1002, 1003, 1004)
@@ -27,8 +28,12 @@ Open = Callable[..., Session]
 
 
 @pytest.fixture
-def start() -> Iterator[Open]:
-    """Return a function that opens a request; what runs is ended after the test."""
+def start(monkeypatch: pytest.MonkeyPatch) -> Iterator[Open]:
+    """Return a function that opens a request; what runs is ended after the test.
+
+    The process of a fit is a fork that need not load torch.
+    """
+    monkeypatch.setattr(live_source.multiprocessing, "get_context", loaded.context)
     sessions: list[Session] = []
 
     def started(**request: object) -> Session:
@@ -49,7 +54,7 @@ def images(tmp_path: Path) -> Path:
 def stage(tmp_path: Path) -> Path:
     (tmp_path / "out").mkdir()
     path = tmp_path / "out" / "shot.usda"
-    write_usd(LobeTracks(FRAMES, 25.0, stack([shot_files.lobes(k) for k in FRAMES])), path)
+    written_stages.put(LobeTracks(FRAMES, 25.0, stack([shot_files.lobes(k) for k in FRAMES])), path)
     return path
 
 

@@ -28,7 +28,7 @@ from asglight.viewer.uniforms import key_cards
 
 LAMP = Rectangle(20, 30, 15, 20, 9)
 ROWS = 64
-SIZE = (180, 36)
+SIZE = (144, 28)
 FRAME = FRAMES[0]
 
 MOST = {0.05: 0.06, 0.1: 0.06, 0.25: 0.03}

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 import windows
+import written_stages
 from windows import Drive, Driven
 
 from asglight.lobes import LobeTracks
-from asglight.usd import read_usd, write_usd
+from asglight.usd import read_usd
 from asglight.viewer.io import native
 
 
@@ -19,7 +20,7 @@ def stage(two_lamps: LobeTracks, tmp_path: Path) -> Path:
     """Write two lamps as `shot.usda`, alone in a folder."""
     path = tmp_path / "shot" / "shot.usda"
     path.parent.mkdir()
-    write_usd(two_lamps, path, dome_height=2)
+    written_stages.put(two_lamps, path, dome_height=2)
     return path
 
 

@@ -13,12 +13,12 @@ import numpy as np
 import OpenImageIO
 import pytest
 import torch
+import written_stages
 from places import ROOT
 
 from asglight.cli.main import main
 from asglight.errors import InputError
 from asglight.lobes import LobeTracks
-from asglight.usd import write_usd
 from asglight.viewer import app
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.io import saving, screenshot
@@ -31,7 +31,7 @@ from asglight.viewer.state.viewer_state import ViewerState
 @pytest.fixture
 def stage(two_lamps: LobeTracks, tmp_path: Path) -> Path:
     path = tmp_path / "shot.usda"
-    write_usd(two_lamps, path)
+    written_stages.put(two_lamps, path)
     return path
 
 

@@ -35,6 +35,8 @@ from asglight.viewer.state.edits.absolute import lamp_of
 
 CTRL, SHIFT = int(imgui.Key.mod_ctrl), int(imgui.Key.mod_shift)
 FRAMES = tuple(range(1001, 1009))
+PICTURED, UNSEEN = (1600, 1000), (1100, 1000)
+"""Columns and rows of the window, where pictures are kept and where nobody sees it."""
 LAMPS = (
     # u, v, sharpness along x and y, radiance
     (0.30, 0.30, 900.0, 900.0, (60.0, 52.0, 40.0)),  # a low sun
@@ -283,11 +285,11 @@ def test_an_artists_five_minutes(
         pictures.mkdir(parents=True, exist_ok=True)
     tracks = shot()
     stage, other, layer = (tmp_path / f"{name}.usda" for name in ("shot", "other", "graded"))
-    write_usd(tracks, stage)
+    write_usd(tracks, stage, dome_height=16)
     fewer = tracks.lobes.select(torch.tensor([0, 1, 2]))
-    write_usd(replace(tracks, lobes=fewer, names=tracks.names[:3]), other)
+    write_usd(replace(tracks, lobes=fewer, names=tracks.names[:3]), other, dome_height=16)
     for place, frame in enumerate(FRAMES):
-        write_exr(tmp_path / f"sky.{frame}.exr", texel_means(tracks.lobes[place], 64, 128))
+        write_exr(tmp_path / f"sky.{frame}.exr", texel_means(tracks.lobes[place], 32, 64))
 
     def script(test: Any, driven: Driven) -> None:
         driven.paints = pictures is not None
@@ -296,7 +298,8 @@ def test_an_artists_five_minutes(
         for act in ACTS:
             act(artist)
 
-    windows.drive(read_usd(stage), script, stage=stage, opener=opened_in_window, size=(1600, 1000))
+    size = UNSEEN if pictures is None else PICTURED
+    windows.drive(read_usd(stage), script, stage=stage, opener=opened_in_window, size=size)
     opengl.__enter__()
     reading = read_stage(layer)
     assert reading.tracks.names == (*tracks.names[:5], "lobe_06")

@@ -6,7 +6,7 @@ loaded is not missing any more. What can be asked in one process is asked in one
 """
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 import OpenImageIO
 import pytest
 import torch
-from forked import Nursery, nursery
+from forked import Forks
 from places import SUPPORT
 from windows import Driven, press, wait_for
 
@@ -27,9 +27,8 @@ from asglight.viewer.state.views import Request
 
 
 @pytest.fixture(scope="module")
-def forks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nursery]:
-    with nursery(tmp_path_factory.mktemp("said")) as forks:
-        yield forks
+def forks(tmp_path_factory: pytest.TempPathFactory) -> Forks:
+    return Forks(tmp_path_factory.mktemp("said"))
 
 
 PREPARED = """
@@ -50,7 +49,7 @@ os._exit(0)
 """Lines without a display; to take all that is loaded apart would take longer than they do."""
 
 
-def run_lines(forks: Nursery, lines: str, **environment: str) -> CompletedProcess[str]:
+def run_lines(forks: Forks, lines: str, **environment: str) -> CompletedProcess[str]:
     """Run lines of Python in a process of their own."""
     return forks.run(hook=PREPARED.format(environment=environment, lines=lines))
 
@@ -62,7 +61,7 @@ def on_mesa(opengl: moderngl.Context) -> None:
 
 
 @pytest.mark.usefixtures("on_mesa")
-def test_everything_runs_on_opengl_4_1(forks: Nursery, stage: Path, tmp_path: Path) -> None:
+def test_everything_runs_on_opengl_4_1(forks: Forks, stage: Path, tmp_path: Path) -> None:
     old = {"MESA_GL_VERSION_OVERRIDE": "4.1FC", "MESA_GLSL_VERSION_OVERRIDE": "410"}
     write_exr(tmp_path / "sky.exr", torch.full((16, 32, 3), 0.25))
     options = ["--reference", str(tmp_path / "sky.exr"), "--size", "600x400", "--screenshot"]
@@ -99,7 +98,7 @@ except InputError as error:
 
 
 @pytest.mark.usefixtures("on_mesa")
-def test_old_opengl_is_named_by_the_check_and_explained_by_the_window(forks: Nursery) -> None:
+def test_old_opengl_is_named_by_the_check_and_explained_by_the_window(forks: Forks) -> None:
     result = run_lines(forks, OLD_OPENGL, MESA_GL_VERSION_OVERRIDE="3.3")
     assert result.returncode == 0, result.stderr
     checked = result.stderr.splitlines()[0]
@@ -128,7 +127,7 @@ for package, arguments in (("moderngl", ["--check"]), ("imgui_bundle", [{stage!r
 
 
 def test_viewer_without_its_packages_exits_2_with_one_line_and_a_page_needs_none(
-    forks: Nursery, stage: Path, tmp_path: Path
+    forks: Forks, stage: Path, tmp_path: Path
 ) -> None:
     page = tmp_path / "shot.html"
     result = run_lines(forks, MISSING.format(stage=str(stage), page=str(page)))
@@ -140,7 +139,7 @@ def test_viewer_without_its_packages_exits_2_with_one_line_and_a_page_needs_none
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="EGL is used on Linux only")
 def test_missing_opengl_names_the_packages_and_a_missing_display_the_screenshot(
-    forks: Nursery, stage: Path
+    forks: Forks, stage: Path
 ) -> None:
     lines = f"assert view('--check') == 2\nassert view({str(stage)!r}) == 2"
     result = run_lines(forks, lines, __EGL_VENDOR_LIBRARY_FILENAMES="/nowhere")
@@ -176,7 +175,7 @@ windows.drive(read_usd(stage), script, stage=stage, autosaves=kept)
 
 @pytest.mark.usefixtures("no_system_dialog")
 def test_edits_are_offered_after_a_crash(
-    forks: Nursery,
+    forks: Forks,
     drive_stage: Callable[..., None],
     stage: Path,
     tmp_path: Path,

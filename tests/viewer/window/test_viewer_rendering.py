@@ -12,6 +12,7 @@ import numpy as np
 import OpenImageIO
 import pytest
 import torch
+import written_stages
 from imgui_bundle import imgui
 from windows import Drive, Driven, grey, wait_for
 
@@ -19,7 +20,6 @@ from asglight.cli.main import main
 from asglight.errors import InputError
 from asglight.images import write_exr
 from asglight.lobes import LobeTracks
-from asglight.usd import write_usd
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.io import native
@@ -36,7 +36,7 @@ SIZE = (240, 48)
 
 @pytest.fixture
 def stage(two_lamps: LobeTracks, tmp_path: Path) -> Path:
-    write_usd(two_lamps, tmp_path / "shot.usda", dome_height=2)
+    written_stages.put(two_lamps, tmp_path / "shot.usda", dome_height=2)
     return tmp_path / "shot.usda"
 
 

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import torch
 import windows
+import written_stages
 from imgui_bundle import ImVec2, imgui
 from windows import Drive, Driven, map_point, rendered, wait_for
 
 from asglight.cli.sources.opening import opened_in_window
 from asglight.lobes import LobeTracks
-from asglight.usd import read_usd, write_usd
+from asglight.usd import read_usd
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.state.edits.absolute import lamp_of
 from asglight.viewer.state.edits.editing import Scope
@@ -250,7 +251,7 @@ def test_what_is_muted_named_added_and_deleted_is_there_when_the_layer_is_opened
     drive: Drive, two_lamps: LobeTracks, tmp_path: Path
 ) -> None:
     stage, layer = tmp_path / "shot.usda", tmp_path / "edits.usda"
-    write_usd(two_lamps, stage)
+    written_stages.put(two_lamps, stage)
 
     def script(test: Any, driven: Driven) -> None:
         state = driven.state

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 import windows
+import written_stages
 from imgui_bundle import ImVec2, imgui
 from windows import Drive, Driven, map_point, wait_for
 
@@ -15,7 +16,7 @@ from asglight.errors import InputError
 from asglight.images import write_exr
 from asglight.lobes import LobeTracks
 from asglight.sphere import latlong
-from asglight.usd import read_usd, write_usd
+from asglight.usd import read_usd
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.state.edits.absolute import lamp_of
 from asglight.viewer.state.edits.edit import Span, scale_amplitude
@@ -111,7 +112,7 @@ def test_edits_are_saved_as_a_layer_that_leaves_the_stage_untouched(
     drive: Drive, two_lamps: LobeTracks, tmp_path: Path
 ) -> None:
     stage, layer = tmp_path / "shot.usda", tmp_path / "edits.usda"
-    write_usd(two_lamps, stage)
+    written_stages.put(two_lamps, stage)
     before = stage.read_bytes()
 
     def script(test: Any, driven: Driven) -> None:
