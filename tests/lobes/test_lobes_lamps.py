@@ -7,17 +7,27 @@ import pytest
 import torch
 
 from asglight.lobes import Lobes, asg
+from asglight.lobes.data import stack
 from asglight.lobes.frames import axes_around
 from asglight.lobes.identity.lamps import Lamps, lamps
 
 
-def on_the_horizon(degrees: list[float], sharpness: list[float], light: list[float]) -> Lamps:
+def lobes_on_the_horizon(degrees: list[float], sharpness: list[float], light: list[float]) -> Lobes:
     angle = torch.deg2rad(torch.tensor(degrees, dtype=torch.float64))
     axis_z = torch.stack([angle.sin(), torch.zeros_like(angle), angle.cos()], -1)
     widths = torch.tensor(sharpness, dtype=torch.float64)[:, None].expand(-1, 2)
     amplitude = torch.tensor(light, dtype=torch.float64)[:, None].expand(-1, 3)
-    lobes = Lobes(axes_around(axis_z), widths, amplitude)
-    return lamps(lobes, asg.flux(lobes).sum(-1))
+    return Lobes(axes_around(axis_z), widths, amplitude)
+
+
+def lamps_of(shot: Lobes) -> Lamps:
+    return lamps(shot, asg.flux(shot).sum(-1))
+
+
+def on_the_horizon(degrees: list[float], sharpness: list[float], light: list[float]) -> Lamps:
+    """Return the lamps of one frame."""
+    found = lamps_of(lobes_on_the_horizon(degrees, sharpness, light)[None])
+    return Lamps(found.number[0], found.centre[0], found.off_centre[0])
 
 
 def sigma_deg(sharpness: float) -> float:
@@ -62,3 +72,16 @@ def test_the_brighter_lobe_is_nearer_to_the_middle() -> None:
     """A third of the light and two thirds: distances are as two to one."""
     found = on_the_horizon([0.0, 3.0], [400.0] * 2, [1.0, 2.0])
     assert float(found.off_centre[0] / found.off_centre[1]) == pytest.approx(2.0, rel=1e-3)
+
+
+def test_frames_have_the_lamps_that_each_has_by_itself() -> None:
+    """Of a frame with every lobe, one with some, and one that is black; more pairs than fit."""
+    degrees, sharpness = [-30.0, 0.0, 4.0, 8.0, 60.0], [60.0, 60.0, 60.0, 80.0, 9.0]
+    lights = [[1.0, 1.0, 2.0, 1.0, 1.0], [0.0, 1.0, 0.0, 3.0, 1.0], [0.0] * 5] * 60
+    found = lamps_of(stack([lobes_on_the_horizon(degrees, sharpness, light) for light in lights]))
+    for frame, light in enumerate(lights):
+        alone = on_the_horizon(degrees, sharpness, light)
+        assert found.number[frame].tolist() == alone.number.tolist()
+        torch.testing.assert_close(found.centre[frame], alone.centre)
+        torch.testing.assert_close(found.off_centre[frame], alone.off_centre)
+    assert found.number[:3].tolist() == [[0, 1, 1, 1, 4], [-1, 0, -1, 0, 2], [-1] * 5]

@@ -24,14 +24,18 @@ STEPS = 9
 between them unseen. Lobes that are farther from each other are on one lamp by others between."""
 
 
+PAIRS_AT_ONCE = 256
+"""With 15 lobes, what is seen between so many takes 1 MB."""
+
+
 @dataclass(frozen=True)
 class Lamps:
-    """The lamps of one frame, by lobe.
+    """The lamps of frames, by lobe.
 
     Attributes:
-        number: Of the lamp that a lobe is on; -1 for a black lobe.  [N]
-        centre: Where that lamp is.  [N, 3]
-        off_centre: How far the lobe is from there, in widths of the lamp.  [N]
+        number: Of the lamp that a lobe is on, counted in its frame; -1 for a black lobe.  [F, N]
+        centre: Where that lamp is.  [F, N, 3]
+        off_centre: How far the lobe is from there, in widths of the lamp.  [F, N]
     """
 
     number: Tensor
@@ -40,26 +44,35 @@ class Lamps:
 
 
 def lamps(lobes: Lobes, flux: Tensor) -> Lamps:
-    """Return the lamps of a frame.
+    """Return the lamps of each frame.
 
     Args:
-        lobes: In float64 on the CPU.  [N, .]
-        flux: Theirs, channels summed.  [N]
+        lobes: In float64 on the CPU.  [F, N, .]
+        flux: Theirs, channels summed.  [F, N]
     """
-    lit = torch.nonzero((lobes.amplitude > 0).any(-1)).flatten()
-    own = lobes.select(lit)
-    belongs = _connected(_bright_between(own)).double()  # [K, K]
-    number = (belongs.cumsum(-1) == 0).sum(-1)  # the lamp's first lobe
-    flux = flux[lit]
-    centre = torch.nn.functional.normalize(belongs @ (flux[:, None] * own.axis_z), dim=-1)
+    every = (lobes.amplitude > 0).any(-1)
+    # the lit ones first, in their order, and no more black ones than it takes
+    most = max(int(every.sum(-1).max()), 1)
+    order = (~every).int().argsort(stable=True, dim=-1)[:, :most]
+    rows = torch.arange(len(order))[:, None]
+    own, lit, flux = lobes[rows, order], every[rows, order], flux[rows, order]
+    flux = torch.where(lit, flux, 0.0)
+    belongs = _connected(_bright_between(own, lit)) & lit[:, None] & lit[..., None]
+    number = belongs.int().argmax(-1)  # the lamp's first lobe
+    light = belongs.double() * flux[:, None]  # [F, K, K]
+    centre = torch.nn.functional.normalize(light @ own.axis_z, dim=-1)
     angle = (own.axis_z * centre).sum(-1).clamp(-1, 1).acos()
-    square = belongs @ (flux * (angle.square() + variance(own).sum(-1))) / (belongs @ flux)
-    every = lobes.amplitude.new_zeros(lobes.count)
-    return Lamps(
-        torch.full((lobes.count,), -1).index_copy(0, lit, number),
-        torch.zeros_like(lobes.axis_z).index_copy(0, lit, centre),
-        every.index_copy(0, lit, angle / square.sqrt()),
+    spread = angle.square() + variance(own).sum(-1)
+    square = (light @ spread[..., None])[..., 0] / light.sum(-1)
+    found = Lamps(
+        torch.full(every.shape, -1),
+        torch.zeros_like(lobes.axis_z),
+        torch.zeros_like(lobes.sharpness[..., 0]),
     )
+    found.number[rows, order] = torch.where(lit, number, -1)
+    found.centre[rows, order] = centre
+    found.off_centre[rows, order] = torch.where(lit, angle / square.sqrt(), 0.0)
+    return found
 
 
 def variance(lobes: Lobes) -> Tensor:
@@ -68,24 +81,46 @@ def variance(lobes: Lobes) -> Tensor:
 
 
 def _connected(near: Tensor) -> Tensor:
-    """Tell which are near to each other, by way of others at most.  [K, K]."""
-    reached = near | near.mT | torch.eye(len(near), dtype=torch.bool)
-    for _ in range(len(near).bit_length()):  # each time by ways twice as long
-        reached = (reached.double() @ reached.double()) > 0
+    """Tell which are near to each other, by way of others at most.  [F, K, K]."""
+    count = near.shape[-1]
+    reached = near | near.mT | torch.eye(count, dtype=torch.bool)
+    for _ in range(count.bit_length()):  # each time by ways twice as long
+        reached = (reached.float() @ reached.float()) > 0
     return reached
 
 
-def _bright_between(lobes: Lobes) -> Tensor:
-    """Tell between which lobes, not too far to be looked at, it is bright all the way.  [K, K]."""
-    first, last = torch.triu_indices(lobes.count, lobes.count, 1)
+def _bright_between(lobes: Lobes, lit: Tensor) -> Tensor:
+    """Tell between which lobes, not too far to be looked at, it is bright all the way.
+
+    Args:
+        lobes: [F, K, .]
+        lit: [F, K]
+
+    Returns:
+        Only from a lobe to a later one.  [F, K, K]
+    """
     sigma = variance(lobes).amax(-1).sqrt()
-    apart = (lobes.axis_z[first] * lobes.axis_z[last]).sum(-1).clamp(-1, 1).acos()
-    is_seen = apart <= (STEPS - 1) * torch.minimum(sigma[first], sigma[last])
-    first, last = first[is_seen], last[is_seen]
-    share = torch.linspace(0, 1, STEPS).to(lobes.axes)[:, None, None]
-    way = torch.lerp(lobes.axis_z[first], lobes.axis_z[last], share)  # [STEPS, pairs, 3]
-    way = torch.nn.functional.normalize(way, dim=-1)
-    seen = asg.evaluate(lobes, way.view(-1, 3)).sum(-1).view(way.shape[:-1])
-    bright = torch.zeros(lobes.count, lobes.count, dtype=torch.bool)
-    bright[first, last] = seen.amin(0) >= BRIGHT_SHARE * seen.amax(0)
+    apart = (lobes.axis_z @ lobes.axis_z.mT).clamp(-1, 1).acos()
+    is_seen = apart <= (STEPS - 1) * torch.minimum(sigma[..., None], sigma[..., None, :])
+    bright = (is_seen & lit[..., None] & lit[:, None]).triu(1)
+    every = torch.nonzero(bright)
+    for frame, first, last in (pairs.unbind(-1) for pairs in every.split(PAIRS_AT_ONCE)):
+        bright[frame, first, last] = _is_bright(lobes[frame], first, last)
     return bright
+
+
+def _is_bright(lobes: Lobes, first: Tensor, last: Tensor) -> Tensor:
+    """Tell whether it is bright from one lobe to another.
+
+    Args:
+        lobes: Those of the pair's frame.  [P, K, .]
+        first: The one.  [P]
+        last: The other.  [P]
+    """
+    pair = torch.arange(len(first))
+    share = torch.linspace(0, 1, STEPS).to(lobes.axes)[:, None]
+    start, end = (lobes.axis_z[pair, one, None] for one in (first, last))  # [P, 1, 3]
+    way = torch.nn.functional.normalize(torch.lerp(start, end, share), dim=-1)
+    values = asg.local_values(lobes, lobes.axes @ way.mT[:, None])  # [P, K, STEPS]
+    seen = (values * lobes.amplitude.sum(-1)[..., None]).sum(-2)
+    return seen.amin(-1) >= BRIGHT_SHARE * seen.amax(-1)
