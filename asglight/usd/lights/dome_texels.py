@@ -18,7 +18,7 @@ Rows next to a pole count as all others; a renderer has no texel beyond them.
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
@@ -47,9 +47,13 @@ REACH = 5.0
 EXPONENT_MAX = 30.0
 """Beyond it a lobe is left out of whole rows: 1e-13 of its peak."""
 
-ROWS_AT_ONCE = 16
-"""Of 256: what 15 lobes are there takes 1 MB and stays in the cache of a core. All rows at once
-take 1.3 times as long, 4 rows 1.15 times."""
+ROWS = 16
+"""Of an image, for which it is decided together which lobes are left out."""
+
+TEXELS_AT_ONCE = 2**13
+"""What 15 lobes are there takes 1 MB and stays in the cache of a core: 16 rows of 256, or all of an
+image of 64 rows that leaves out no lobe. All rows of 256 at once take 1.3 times as long, 4 rows
+1.15 times."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,32 @@ class _Part:
     lobes: Lobes
     frame: Tensor
     is_shared: bool
+
+
+@dataclass(frozen=True)
+class _Sampled:
+    """Lobes of one frame that are taken at the texel centres.
+
+    Attributes:
+        lobes: In float32.  [K, .]
+        near: For each `ROWS` of the image, which lobes are not left out.
+    """
+
+    lobes: Lobes
+    near: list[tuple[bool, ...]]
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """Lobes of one frame that are cut into points.
+
+    Attributes:
+        lobes: In float64.  [K, .]
+        flux: Theirs.  [K, 3]
+    """
+
+    lobes: Lobes
+    flux: Tensor
 
 
 def interpolated(lobes: Lobes, height: int) -> Tensor:
@@ -95,7 +125,10 @@ def images(lobes: Lobes, height: int) -> list[Callable[[], Tensor]]:
         lobes.amplitude.flatten(0, 1),
         lobes.form,
     ).to("cpu", torch.float64)
-    by_frame = [_by_frame(part, count) for part in _parts(flattened, frame, math.pi / height)]
+    by_frame = [
+        _shared_by_frame(part, count) if part.is_shared else _sampled_by_frame(part, count, height)
+        for part in _parts(flattened, frame, math.pi / height)
+    ]
     return [partial(_image, list(parts), height) for parts in zip(*by_frame, strict=True)]
 
 
@@ -114,30 +147,46 @@ def _parts(lobes: Lobes, frame: Tensor, texel: float) -> list[_Part]:
     return [sampled, _Part(points, frame[small], is_shared=True)]
 
 
-def _by_frame(part: _Part, count: int) -> list[_Part]:
-    """Return what each of so many frames has of a part; its lobes are in the order of frames."""
-    ends = torch.searchsorted(part.frame, torch.arange(count + 1)).tolist()
+def _sampled_by_frame(part: _Part, count: int, height: int) -> list[_Sampled]:
+    """Return what each of so many frames has of lobes that are taken at the texel centres."""
+    first, last = _rows_reached(part.lobes, height)
+    top = torch.arange(0, height, ROWS)
+    near = (first[:, None] < (top + ROWS).clamp(max=height)) & (last[:, None] >= top)
+    lobes = part.lobes.to("cpu", torch.float32)
     return [
-        replace(part, lobes=part.lobes[first:end], frame=part.frame[first:end])
-        for first, end in itertools.pairwise(ends)
+        _Sampled(lobes[own], list(zip(*near[own].tolist(), strict=True)))
+        for own in _frames_of(part, count)
     ]
 
 
-def _image(parts: list[_Part], height: int) -> Tensor:
+def _shared_by_frame(part: _Part, count: int) -> list[_Shared]:
+    """Return what each of so many frames has of lobes that are cut into points."""
+    flux = asg.flux(part.lobes)
+    return [_Shared(part.lobes[own], flux[own]) for own in _frames_of(part, count)]
+
+
+def _frames_of(part: _Part, count: int) -> list[slice]:
+    """Return where the lobes of each of so many frames are; they are in the order of frames."""
+    ends = torch.searchsorted(part.frame, torch.arange(count + 1)).tolist()
+    return [slice(first, end) for first, end in itertools.pairwise(ends)]
+
+
+def _image(parts: list[_Sampled | _Shared], height: int) -> Tensor:
     """Return the texels of one frame.  [H, 2H, 3]."""
-    image = sum((_samples(part.lobes, height) for part in parts if not part.is_shared), _NOTHING)
-    points = [part.lobes for part in parts if part.is_shared and part.lobes.count]
-    if not points:
-        return image
-    shared = torch.zeros(2 * height * height, 3, dtype=torch.float64)
-    for lobes in points:
-        for index in range(lobes.count):
-            _share(shared, lobes.select(torch.tensor([index])), height)
+    image = torch.zeros(2 * height * height, 3)
+    for part in parts:
+        if isinstance(part, _Sampled):
+            _add_samples(image, part, height)
+    shared = [part for part in parts if isinstance(part, _Shared) and part.lobes.count]
+    if not shared:
+        return image.view(height, 2 * height, 3)
+    flux = torch.zeros(2 * height * height, 3, dtype=torch.float64)
+    for part in shared:
+        for index in range(part.lobes.count):
+            _share(flux, part.lobes[index : index + 1], part.flux[index], height)
     solid_angles = latlong.texel_solid_angles(height, 2 * height, dtype=torch.float64)[..., None]
-    return image + (shared.view(height, 2 * height, 3) / solid_angles).float()
-
-
-_NOTHING = torch.zeros(())
+    found = flux.view(height, 2 * height, 3) / solid_angles
+    return image.view(height, 2 * height, 3) + found.float()
 
 
 def narrowed(lobes: Lobes, texel: float, squares: float) -> Lobes:
@@ -173,20 +222,36 @@ def narrowed(lobes: Lobes, texel: float, squares: float) -> Lobes:
     return replace(result, amplitude=lobes.amplitude * ratio[..., None])
 
 
-def _samples(lobes: Lobes, height: int) -> Tensor:
-    """Return the radiance at the texel centres.  [H, 2H, 3]."""
-    first, last = _rows_reached(lobes, height)
-    lobes = lobes.to("cpu", torch.float32)
+def _add_samples(image: Tensor, sampled: _Sampled, height: int) -> None:
+    """Add the radiance at the texel centres.
+
+    Args:
+        image: Added to.  [2HH, 3]
+        sampled: Lobes that are taken there.
+        height: Rows.
+    """
     width, centres = 2 * height, _centres(height)
-    image = centres.new_zeros(height * width, 3)
-    for top in range(0, height, ROWS_AT_ONCE):
-        bottom = min(top + ROWS_AT_ONCE, height)
-        near = (first < bottom) & (last >= top)
-        if bool(near.any()):
-            texels_of_rows = slice(top * width, bottom * width)
-            chosen = lobes if bool(near.all()) else lobes.select(near)
-            image[texels_of_rows] = _values(chosen, centres[:, texels_of_rows])
-    return image.view(height, width, 3)
+    for near, first, last in _runs(sampled.near, max(TEXELS_AT_ONCE // (width * ROWS), 1)):
+        if any(near):
+            texels_of_rows = slice(first * ROWS * width, last * ROWS * width)
+            chosen = sampled.lobes if all(near) else sampled.lobes.select(torch.tensor(near))
+            image[texels_of_rows] += _values(chosen, centres[:, texels_of_rows])
+
+
+def _runs(
+    near: Sequence[tuple[bool, ...]], most: int
+) -> Iterator[tuple[tuple[bool, ...], int, int]]:
+    """Yield what several neighbours have in common, and where they begin and end.
+
+    Args:
+        near: What each has.
+        most: How many at once.
+    """
+    first = 0
+    for after in range(1, len(near) + 1):
+        if after == len(near) or after - first == most or near[after] != near[first]:
+            yield near[first], first, after
+            first = after
 
 
 def _rows_reached(lobes: Lobes, height: int) -> tuple[Tensor, Tensor]:
@@ -233,15 +298,17 @@ def _as_asg(lobes: Lobes) -> Lobes:
     return replace(found, amplitude=found.amplitude * ratio[..., None])
 
 
-def _share(shared: Tensor, lobe: Lobes, height: int) -> None:
+def _share(shared: Tensor, lobe: Lobes, flux_of_lobe: Tensor, height: int) -> None:
     """Add the flux of one lobe to the texels around its points.
 
     Args:
         shared: Flux of every texel, added to.  [2HH, 3]
         lobe: One lobe, its x axis the narrower one.  [1, .]
+        flux_of_lobe: Its flux.  [3]
         height: Rows.
     """
-    directions, flux = _points(lobe, math.pi / height)
+    directions, share_of_flux = _points(lobe, math.pi / height)
+    flux = share_of_flux[:, None] * flux_of_lobe
     u, v = latlong.uv_from_direction(directions)
     row, column = v * height - 0.5, u * 2 * height - 0.5
     above, left = row.floor(), column.floor()
@@ -261,7 +328,7 @@ def _points(lobe: Lobes, texel: float) -> tuple[Tensor, Tensor]:
     its product with a tent.
 
     Returns:
-        Directions [T, 3]; flux of each [T, 3], which sums to the lobe's.
+        Directions [T, 3]; the share of the flux of each [T], 1 together.
     """
     sigma = (2 * lobe.sharpness[0]).rsqrt().tolist()
     reach = [math.asin(min(1.0, REACH * one)) for one in sigma]
@@ -273,8 +340,8 @@ def _points(lobe: Lobes, texel: float) -> tuple[Tensor, Tensor]:
     radius = (1 - x * x).clamp(min=0).sqrt()
     local = torch.stack([x, radius * t.sin(), radius * t.cos()])
     share = asg.local_values(lobe, local[None])[0]
-    flux = (share / share.sum())[:, None] * asg.flux(lobe)
+    share = share / share.sum()
     directions = local.mT @ lobe.axes[0]
     if lobe.form is Form.BINGHAM:
-        return torch.cat([directions, -directions]), torch.cat([flux, flux]) / 2
-    return directions, flux
+        return torch.cat([directions, -directions]), torch.cat([share, share]) / 2
+    return directions, share
