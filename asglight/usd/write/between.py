@@ -15,7 +15,7 @@ Symbols: F frames, N lobes, S spans, M samples between frames, T samples of a lo
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from itertools import starmap
 
 import numpy as np
 import torch
@@ -27,16 +27,9 @@ from asglight.lobes.data import combined
 from asglight.usd.lights import cards
 from asglight.usd.lights.emission import intensity_and_color, tinted
 from asglight.usd.write.samples import DOT_MIN
-from asglight.usd.write.span_errors import FAINT, Flux, LobeSpans, Spans, Together
+from asglight.usd.write.span_errors import FAINT, Flux, LobeSpans, Together
 from asglight.usd.write.span_lights import CardSpans, DiscSpans
-
-STEPS = 256
-"""Samples lie at multiples of this part of a span. Sharpness and flux a thousand times as large
-take steps of one near the dark end."""
-
-CLOSE = 0.9
-"""Error of a step, over what is allowed, from which a longer one is not sought. To 85,400
-samples in 1,000 frames of a tunnel it adds 400, and saves half of the search."""
+from asglight.usd.write.span_search import STEPS, Inserted, Where, fewest_samples
 
 SMALL = 5e-4
 """Changes x of log sharpness and y of log flux in a span with x (x + y) below this are within half
@@ -71,6 +64,17 @@ class Sampled:
     lobes: Lobes
 
 
+@dataclass(frozen=True)
+class SampledLight(Sampled):
+    """A lobe in the shapes of its light.
+
+    Attributes:
+        moments: Those of the lobes.  [T, 1, .]
+    """
+
+    moments: asg.Moments
+
+
 class Shot:
     """Lobes over frames, and the samples that they and their lights need between."""
 
@@ -100,17 +104,20 @@ class Shot:
     def of_lobes(self) -> list[Sampled]:
         """Return each lobe with the samples that its own attributes need.  N."""
         inserted = [
-            _needed(one.where, LobeSpans.of(self._flux(one.where), one.lobes, one.moments.zeroth))
+            fewest_samples(
+                one.where, LobeSpans.of(self._flux(one.where), one.lobes, one.moments.zeroth)
+            )
             for one in self._bent_spans
         ]
         # where rounding would decide which way is the shorter, the middle says it
         turns = frames.quaternion_from_axes(self._lobes.axes)
         is_half = (turns[1:] * turns[:-1]).sum(-1).abs() < DOT_MIN
-        halves = _Where.of(self._lit & is_half)
-        half = _Inserted(halves.place, halves.lobe, torch.full(halves.place.shape, STEPS // 2))
-        return self._sampled(self._lobes, [half, *inserted], self._beside_black())
+        halves = Where.of(self._lit & is_half)
+        half = Inserted(halves.place, halves.lobe, torch.full(halves.place.shape, STEPS // 2))
+        moved, merging = self._between([half, *inserted], self._beside_black())
+        return [Sampled(one.times, one.lobes(self._lobes, moved)) for one in merging]
 
-    def of_cards(self, kinds: Sequence[cards.Kind]) -> list[Sampled]:
+    def of_cards(self, kinds: Sequence[cards.Kind]) -> list[SampledLight]:
         """Return each lobe, in the shapes of its light, with the samples that its cards need.
 
         Args:
@@ -129,10 +136,10 @@ class Shot:
                     CardSpans.of(flux.part(share), squares, pieces, is_textured=is_textured)
                     for share, pieces in levels
                 ]
-                inserted.append(_needed(own.where, Together(of_kind)))
+                inserted.append(fewest_samples(own.where, Together(of_kind)))
         return self._of_lights([*inserted, *self._slanting()])
 
-    def _slanting(self) -> list["_Inserted"]:
+    def _slanting(self) -> list[Inserted]:
         """Return the samples that keys need whose cards slant on: even steps, small enough."""
         if self._lobes.slant is None:
             return []
@@ -142,9 +149,9 @@ class Shot:
         which = torch.repeat_interleave(torch.arange(len(place)), count - 1)
         first = torch.cumsum(count - 1, 0) - (count - 1)
         number = torch.arange(len(which)) - first[which] + 1
-        return [_Inserted(place[which], lobe[which], STEPS * number // count[which])]
+        return [Inserted(place[which], lobe[which], STEPS * number // count[which])]
 
-    def of_distant(self, threefold: Sequence[bool]) -> list[Sampled]:
+    def of_distant(self, threefold: Sequence[bool]) -> list[SampledLight]:
         """Return each lobe, in the shapes of its light, with what its distant lights need.
 
         Args:
@@ -158,10 +165,10 @@ class Shot:
                 facing = asg.facing_irradiance(unit, one.moments)[..., 0] / one.moments.zeroth
                 squares = cards.mean_squares(one.moments)
                 discs = DiscSpans.of(self._flux(one.where), facing, squares, is_three=is_three)
-                inserted.append(_needed(one.where, discs))
+                inserted.append(fewest_samples(one.where, discs))
         return self._of_lights(inserted)
 
-    def _flux(self, spans: "_Where") -> Flux:
+    def _flux(self, spans: Where) -> Flux:
         first, last = (
             spans.pick(self._lobes.amplitude, step)
             * spans.pick(self._moments.zeroth, step)[..., None]
@@ -177,14 +184,12 @@ class Shot:
     def _spans(self, marks: Tensor) -> Iterator["_Steps"]:
         """Yield marked spans by size, with lobes and moments at even steps."""
         for is_large, count in ((False, 3), (True, 5)):
-            spans = _Where.of(marks & (self._large == is_large))
+            spans = Where.of(marks & (self._large == is_large))
             if not len(spans.place):
                 continue
             first, last = (self._lobes[spans.place + step, spans.lobe] for step in (0, 1))
-            steps = [
-                motion.between(first, last, torch.tensor(step / (count - 1), dtype=torch.float64))
-                for step in range(count)
-            ]
+            inner_steps = torch.arange(1, count - 1, dtype=torch.float64) / (count - 1)
+            steps = [first, *(motion.between(first, last, step) for step in inner_steps), last]
             lobes = replace(
                 first,
                 axes=torch.stack([one.axes for one in steps], 1),
@@ -214,7 +219,7 @@ class Shot:
         first, last = self._black[:-1], self._black[1:]
         return torch.where(differ, (last & ~first).long() - (first & ~last).long(), 0)
 
-    def _of_lights(self, inserted: Sequence["_Inserted"]) -> list[Sampled]:
+    def _of_lights(self, inserted: Sequence[Inserted]) -> list[SampledLight]:
         """Return lobes in the shapes that their lights have: black ones, those of a lit frame."""
         lobes = motion.resting(self._lobes)
         intensity, own_color = intensity_and_color(lobes.amplitude)
@@ -222,17 +227,36 @@ class Shot:
         appears = self._black[:-1] & ~self._black[1:]
         sharpness = (lobes.sharpness[1:] / lobes.sharpness[:-1]).log().abs() > SAME
         differ = sharpness.any(-1) | ((color[1:] - color[:-1]).abs() > SAME).any(-1)
-        return self._sampled(lobes, inserted, torch.where(appears & differ, -1, 0))
+        moments = self._moments_of(lobes)
+        moved, merging = self._between(inserted, torch.where(appears & differ, -1, 0))
+        pairs = list(zip(moments, asg.moments(moved), strict=True))
+        return [
+            SampledLight(one.times, one.lobes(lobes, moved), asg.Moments(*starmap(one.both, pairs)))
+            for one in merging
+        ]
 
-    def _sampled(
-        self, lobes: Lobes, inserted: Sequence["_Inserted"], beside: Tensor
-    ) -> list[Sampled]:
-        """Return lobes with samples between.
+    def _moments_of(self, resting: Lobes) -> asg.Moments:
+        """Return the moments of lobes of which the black ones have other shapes.  [F, N, .]."""
+        black = Where.of(self._black)
+        if not len(black.place):
+            return self._moments
+        theirs = asg.moments(resting[black.place, black.lobe])
+        found = asg.Moments(*(values.clone() for values in self._moments))
+        for values, own in zip(found, theirs, strict=True):
+            values[black.place, black.lobe] = own
+        return found
+
+    def _between(
+        self, inserted: Sequence[Inserted], beside: Tensor
+    ) -> tuple[Lobes, list["_Merging"]]:
+        """Return the samples between frames, and how each lobe's come among its frames.
 
         Args:
-            lobes: At the frames.  [F, N, .]
             inserted: Samples between.
             beside: Which spans have a sample close to an end: -1 the first, 1 the last.  [F - 1, N]
+
+        Returns:
+            The lobes at the samples [M, .], and one of each lobe.
         """
         place, lobe, part = _in_order(inserted, beside)
         span, which = torch.from_numpy(place), torch.from_numpy(lobe)
@@ -240,53 +264,39 @@ class Shot:
             self._lobes[span, which], self._lobes[span + 1, which], torch.from_numpy(part)
         )
         times = self._numbers[place] + part * (self._numbers[place + 1] - self._numbers[place])
-        bounds = np.searchsorted(lobe, np.arange(lobes.count + 1))
-        found = []
-        for index in range(lobes.count):
-            extra = slice(int(bounds[index]), int(bounds[index + 1]))
-            every = np.concatenate([self._numbers, times[extra]])
-            order = torch.from_numpy(np.argsort(every, kind="stable"))
-
-            def merged(
-                own: Tensor,
-                more: Tensor,
-                index: int = index,
-                extra: slice = extra,
-                order: Tensor = order,
-            ) -> Tensor:
-                """Return the frames of a lobe and its samples between, in order."""
-                return torch.cat([own[:, index], more[extra]])[order][:, None]
-
-            joined = combined([lobes, moved], lambda pair, merged=merged: merged(pair[0], pair[1]))
-            found.append(Sampled(np.sort(every), joined))
-        return found
+        bounds = np.searchsorted(lobe, np.arange(self._lobes.count + 1))
+        merging = []
+        for index in range(self._lobes.count):
+            own = slice(int(bounds[index]), int(bounds[index + 1]))
+            every = np.concatenate([self._numbers, times[own]])
+            order = np.argsort(every, kind="stable")
+            merging.append(_Merging(index, own, torch.from_numpy(order), every[order]))
+        return moved, merging
 
 
 @dataclass(frozen=True)
-class _Where:
-    """Spans of a shot.
+class _Merging:
+    """How the samples of a lobe between frames come among its frames.
 
     Attributes:
-        place: The frame before each.  [S]
-        lobe: [S]
+        index: The lobe.
+        own: Which of all samples between are its.
+        order: Of the frames and then those, in time.  [T]
+        times: In frame numbers, ascending.  [T]
     """
 
-    place: Tensor
-    lobe: Tensor
+    index: int
+    own: slice
+    order: Tensor
+    times: Array
 
-    @classmethod
-    def of(cls, marks: Tensor) -> "_Where":
-        """Find marked spans.  [F - 1, N]."""
-        place, lobe = torch.nonzero(marks, as_tuple=True)
-        return cls(place, lobe)
+    def both(self, at_frames: Tensor, between: Tensor) -> Tensor:
+        """Return what is at frames and at all samples.  [F, N, ...], [M, ...] -> [T, 1, ...]."""
+        return torch.cat([at_frames[:, self.index], between[self.own]])[self.order][:, None]
 
-    def at(self, index: Tensor) -> "_Where":
-        """Pick spans."""
-        return _Where(self.place[index], self.lobe[index])
-
-    def pick(self, values: Tensor, step: int) -> Tensor:
-        """Pick values of the frame before, or one step after it.  [F, N, ...] -> [S, ...]."""
-        return values[self.place + step, self.lobe]
+    def lobes(self, at_frames: Lobes, between: Lobes) -> Lobes:
+        """Return the lobe.  [F, N, .], [M, .] -> [T, 1, .]."""
+        return combined([at_frames, between], lambda pair: self.both(*pair))
 
 
 @dataclass(frozen=True)
@@ -299,7 +309,7 @@ class _Steps:
         moments: Theirs.  [S, K, .]
     """
 
-    where: _Where
+    where: Where
     lobes: Lobes
     moments: asg.Moments
 
@@ -309,52 +319,8 @@ class _Steps:
         return _Steps(self.where.at(index), self.lobes[index], moments)
 
 
-class _Inserted(NamedTuple):
-    """Samples between frames.
-
-    Attributes:
-        place: The frame before each.  [M]
-        lobe: [M]
-        step: How many `STEPS` of its span from there.  [M]
-    """
-
-    place: Tensor
-    lobe: Tensor
-    step: Tensor
-
-
-def _needed(spans: _Where, errors: Spans) -> _Inserted:
-    """Return about the fewest samples with which errors of spans are within what is allowed.
-
-    From each sample the next is about the farthest that may be (`CLOSE`): the longer a step, the
-    larger its error, about as its square, which guides the search from the length of the step
-    before. A step of one is taken whatever its error.
-    """
-    found = [_Inserted(spans.place[:0], spans.lobe[:0], spans.lobe[:0])]
-    at = torch.zeros_like(spans.place)
-    length = torch.full_like(at, STEPS)
-    going = torch.arange(len(at))
-    while len(going):
-        good, bad = at[going] + 1, torch.full_like(going, STEPS + 1)
-        step, open_ = (at + length)[going].clamp(max=STEPS), torch.arange(len(going))
-        while len(open_):
-            begin, tried = at[going[open_]], step[open_]
-            error = errors.at(going[open_]).error(begin.double() / STEPS, tried.double() / STEPS)
-            reaches = error <= 1
-            good[open_] = torch.where(reaches, tried, good[open_])
-            bad[open_] = torch.where(reaches, bad[open_], tried).maximum(good[open_] + 1)
-            guess = begin + (tried - begin) * error.clamp(min=1e-6).rsqrt()
-            step[open_] = guess.floor().long().maximum(good[open_] + 1).minimum(bad[open_] - 1)
-            open_ = open_[((bad - good)[open_] > 1) & ~(reaches & (error > CLOSE))]
-        length[going] = good - at[going]
-        at[going] = good
-        going = going[good < STEPS]
-        found.append(_Inserted(spans.place[going], spans.lobe[going], at[going]))
-    return _Inserted(*map(torch.cat, zip(*found, strict=True)))
-
-
 def _in_order(
-    inserted: Sequence[_Inserted], beside: Tensor
+    inserted: Sequence[Inserted], beside: Tensor
 ) -> tuple[NDArray[np.int_], NDArray[np.int_], Array]:
     """Return all samples between frames, by lobe and time.
 

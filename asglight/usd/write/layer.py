@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf
 from torch import Tensor
 
-from asglight.lobes import LobeTracks, asg, frames
+from asglight.lobes import LobeTracks, frames
 from asglight.lobes.data import Lobes
 from asglight.threads import beside, one_thread
 from asglight.usd import schema
@@ -188,7 +188,7 @@ def card_lights(
         texture: That of the cards, relative to the stage; empty where there is none.
     """
     return [
-        (cards.lights(one.lobes, asg.moments(one.lobes), distance, [kind], texture)[0], one.times)
+        (cards.lights(one.lobes, one.moments, distance, [kind], texture)[0], one.times)
         for one, kind in zip(shot.of_cards(kinds), kinds, strict=True)
     ]
 
@@ -201,7 +201,7 @@ def distant_lights(shot: Shot, threefold: Sequence[bool]) -> list[TimedLights]:
         threefold: Which have three lights.
     """
     return [
-        (distant.lights(one.lobes, asg.moments(one.lobes), [is_three])[0], one.times)
+        (distant.lights(one.lobes, one.moments, [is_three])[0], one.times)
         for one, is_three in zip(shot.of_distant(threefold), threefold, strict=True)
     ]
 
