@@ -104,6 +104,7 @@ class Rectangles:
 
 
 @lru_cache(maxsize=1)
+@torch.inference_mode(False)
 def _nodes() -> tuple[Tensor, Tensor]:
     """Return the nodes and weights of an axis, in [-1, 1].  [NODES] each."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)

@@ -186,6 +186,7 @@ class Curve:
 
 
 @cache
+@torch.inference_mode(False)
 def _powers_from_nodes(count: int) -> Tensor:
     """Return what makes coefficients of 1, t, t^2, ... of values at even steps.  [K, K]."""
     steps = torch.linspace(0, 1, count, dtype=torch.float64)

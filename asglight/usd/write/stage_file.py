@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
@@ -142,7 +144,7 @@ def _write_files(
     root = staging.root_layer(place)
     names = [staging.relative_names(images) for images in (of_all, fill.files, card)]
     images = layer.Images(names[0], names[1], "".join(names[2]))
-    with beside(fill.writing) as filled:
+    with torch.inference_mode(), beside(fill.writing) as filled:
         built, author = layer.build(tracks, options, images, root.name, kinds, keys)
         staging.export(built, root)
         deque(filled(), maxlen=0)
