@@ -202,3 +202,19 @@ def lobes_together(parts: list[Lobes]) -> Lobes:
         torch.cat([one.amplitude for one in parts]),
         parts[0].form,
     )
+
+
+@pytest.mark.parametrize("height", [24, 64, 256])
+def test_broad_lobes_are_narrowed_and_taken_at_the_centres_of_every_row(height: int) -> None:
+    """Of two frames; most of the narrower ones' rows are left out, and show none of them."""
+    texel = math.pi / height
+    axes = axes_around(torch.stack([direction(20, 30), direction(64, 90), direction(100, 200)]))
+    sharpness = torch.tensor([[900.0, 700.0], [150.0, 90.0], [2.0, 1.5]]).double()
+    sharpness = sharpness.clamp(max=0.4 / texel**2)
+    light = torch.tensor([[[9.0, 1, 1], [1, 5, 1], [1, 1, 1]], [[0, 0, 2], [7, 7, 7], [0, 1, 0]]])
+    shot = stack([Lobes(axes, sharpness, colours.double()) for colours in light])
+    centres = latlong.directions(height, 2 * height, dtype=torch.float64).view(-1, 3)
+    for frame, image in enumerate(dome_texels.images(shot, height)):
+        narrow = dome_texels.narrowed(shot[frame], texel, dome_texels.TENT)
+        wanted = asg.evaluate(narrow, centres).view(height, 2 * height, 3)
+        torch.testing.assert_close(image().double(), wanted, rtol=2e-5, atol=1e-7)
