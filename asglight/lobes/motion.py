@@ -51,7 +51,9 @@ def at(tracks: LobeTracks, times: Sequence[float]) -> Lobes:
     return between(first, frames.align(lobes[after], first), part)
 
 
-def between(first: Lobes, last: Lobes, part: Tensor) -> Lobes:
+def between(
+    first: Lobes, last: Lobes, part: Tensor, known: tuple[Tensor, Tensor] | None = None
+) -> Lobes:
     """Return the lobes between two frames.
 
     Args:
@@ -60,11 +62,13 @@ def between(first: Lobes, last: Lobes, part: Tensor) -> Lobes:
             (`frames.align`, `frames.continuous`).  [..., N, .]
         part: How far, from 0 to 1; at both ends the lobes are the frame's own.  [..., N] or what
             broadcasts to it
+        known: The flux of both, where it is there.  [..., N, 3] each
     """
     start, end = shapes(first, last)
     part = part.to(first.amplitude).expand(first.amplitude.shape[:-1])
     share = part[..., None]
-    flux = (1 - share) * asg.flux(first) + share * asg.flux(last)
+    first_flux, last_flux = known or (asg.flux(first), asg.flux(last))
+    flux = (1 - share) * first_flux + share * last_flux
     sharpness = torch.exp((1 - share) * start.sharpness.log() + share * end.sharpness.log())
     moved = replace(
         first,

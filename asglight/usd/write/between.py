@@ -89,6 +89,7 @@ class Shot:
         self._moments = asg.moments(lobes)
         self._black = motion.is_black(lobes)
         self._lit = ~self._black[1:] & ~self._black[:-1]
+        self._colour_flux = lobes.amplitude * self._moments.zeroth[..., None]
         flux = lobes.amplitude.sum(-1) * self._moments.zeroth
         self._faint = FAINT * flux.sum(-1)  # [F]
         shape = (lobes.sharpness[1:] / lobes.sharpness[:-1]).log().abs().amax(-1)
@@ -169,11 +170,7 @@ class Shot:
         return self._of_lights(inserted)
 
     def _flux(self, spans: Where) -> Flux:
-        first, last = (
-            spans.pick(self._lobes.amplitude, step)
-            * spans.pick(self._moments.zeroth, step)[..., None]
-            for step in (0, 1)
-        )
+        first, last = (spans.pick(self._colour_flux, step) for step in (0, 1))
         faint = torch.stack([self._faint[spans.place], self._faint[spans.place + 1]], -1)
         return Flux(first, last, faint)
 
@@ -189,7 +186,9 @@ class Shot:
                 continue
             first, last = (self._lobes[spans.place + step, spans.lobe] for step in (0, 1))
             inner_steps = torch.arange(1, count - 1, dtype=torch.float64) / (count - 1)
-            steps = [first, *(motion.between(first, last, step) for step in inner_steps), last]
+            flux = spans.pick(self._colour_flux, 0), spans.pick(self._colour_flux, 1)
+            inner = [motion.between(first, last, step, flux) for step in inner_steps]
+            steps = [first, *inner, last]
             lobes = replace(
                 first,
                 axes=torch.stack([one.axes for one in steps], 1),
@@ -197,13 +196,13 @@ class Shot:
                 amplitude=torch.stack([one.amplitude for one in steps], 1),
                 slant=None,
             )
-            inner = asg.moments(lobes[:, 1:-1])
+            inner_moments = asg.moments(lobes[:, 1:-1])
             moments = asg.Moments(
                 *(
                     torch.cat(
                         [spans.pick(whole, 0)[:, None], mid, spans.pick(whole, 1)[:, None]], 1
                     )
-                    for whole, mid in zip(self._moments, inner, strict=True)
+                    for whole, mid in zip(self._moments, inner_moments, strict=True)
                 )
             )
             yield _Steps(spans, lobes, moments)
@@ -260,9 +259,9 @@ class Shot:
         """
         place, lobe, part = _in_order(inserted, beside)
         span, which = torch.from_numpy(place), torch.from_numpy(lobe)
-        moved = motion.between(
-            self._lobes[span, which], self._lobes[span + 1, which], torch.from_numpy(part)
-        )
+        first, last = self._lobes[span, which], self._lobes[span + 1, which]
+        flux = self._colour_flux[span, which], self._colour_flux[span + 1, which]
+        moved = motion.between(first, last, torch.from_numpy(part), flux)
         times = self._numbers[place] + part * (self._numbers[place + 1] - self._numbers[place])
         bounds = np.searchsorted(lobe, np.arange(self._lobes.count + 1))
         merging = []
@@ -322,7 +321,7 @@ class _Steps:
 def _in_order(
     inserted: Sequence[Inserted], beside: Tensor
 ) -> tuple[NDArray[np.int_], NDArray[np.int_], Array]:
-    """Return all samples between frames, by lobe and time.
+    """Return all samples between frames, each once, by lobe and time.
 
     Args:
         inserted: Those that spans need.
@@ -336,5 +335,8 @@ def _in_order(
     place = torch.cat([*(one.place for one in inserted), by]).numpy()
     lobe = torch.cat([*(one.lobe for one in inserted), close]).numpy()
     part = torch.cat([*(one.step / STEPS for one in inserted), at]).double().numpy()
-    lobe, place, part = np.unique(np.stack([lobe, place, part]), axis=1)
-    return place.astype(int), lobe.astype(int), part
+    order = np.lexsort((part, place, lobe))
+    place, lobe, part = place[order], lobe[order], part[order]
+    is_new = np.ones(len(part), dtype=bool)
+    is_new[1:] = (np.diff(lobe) != 0) | (np.diff(place) != 0) | (np.diff(part) != 0)
+    return place[is_new], lobe[is_new], part[is_new]
