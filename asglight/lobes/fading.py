@@ -18,6 +18,9 @@ from asglight.lobes.data import Lobes
 from asglight.lobes.frames import continuous
 from asglight.lobes.identity.near import nearest
 
+AT_ONCE = 256
+"""Ends of paths that are looked at together: among 30 lobes, distances between them take 2 MB."""
+
 
 def carried_on(lobes: Lobes) -> Lobes:
     """Place black lobes on the paths that they end or begin.
@@ -34,10 +37,21 @@ def carried_on(lobes: Lobes) -> Lobes:
     shot = continuous(lobes)
     lit = (shot.amplitude > 0).any(-1)
     axes, sharpness = shot.axes.clone(), shot.sharpness.clone()
-    for index in torch.nonzero(lit.any(0) & ~lit.all(0)).flatten().tolist():
-        for first, last, end in _dark_stretches(lit[:, index].tolist()):
-            step = 1 if end < first else -1  # from the path into the dark
-            turn = _turn(shot, lit, index, end, end + step)
+    fading = torch.nonzero(lit.any(0) & ~lit.all(0)).flatten().tolist()
+    stretches = [
+        (index, first, last, end)
+        for index in fading
+        for first, last, end in _dark_stretches(lit[:, index].tolist())
+    ]
+    for begin in range(0, len(stretches), AT_ONCE):
+        part = stretches[begin : begin + AT_ONCE]
+        ends = torch.tensor([end for _, _, _, end in part])
+        # from the end of each path a step into the dark
+        beyond = ends + torch.tensor([1 if end < first else -1 for _, first, _, end in part])
+        nearby, is_near = nearest(shot[ends], (lit[ends] & lit[beyond])[:, None])
+        for place, (index, first, last, end) in enumerate(part):
+            near = int(nearby[place, index]) if bool(is_near[place, index]) else None
+            turn = _turn(shot, lit, index, end, int(beyond[place]), near)
             axes[first : last + 1, index] = shot.axes[end, index] @ turn.mT
             sharpness[first : last + 1, index] = shot.sharpness[end, index]
     return replace(shot, axes=axes, sharpness=sharpness)
@@ -63,7 +77,7 @@ def _dark_stretches(lit: list[bool]) -> list[tuple[int, int, int]]:
     return found
 
 
-def _turn(shot: Lobes, lit: Tensor, index: int, end: int, beyond: int) -> Tensor:
+def _turn(shot: Lobes, lit: Tensor, index: int, end: int, beyond: int, near: int | None) -> Tensor:
     """Return the rotation that carries a path on beyond one of its ends.  [3, 3].
 
     Args:
@@ -72,10 +86,9 @@ def _turn(shot: Lobes, lit: Tensor, index: int, end: int, beyond: int) -> Tensor
         index: The track.
         end: The path's last frame, or its first.
         beyond: The dark frame next to it.
+        near: The lobe that it is near to, and that is lit in both; None for none.
     """
-    lobes, is_near = nearest(shot[end], lit[end] & lit[beyond])
-    if is_near[index]:
-        near = int(lobes[index])
+    if near is not None:
         return shot.axes[beyond, near].mT @ shot.axes[end, near]
     inner = 2 * end - beyond
     if not 0 <= inner < len(lit) or not bool(lit[inner, index]):

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from asglight.lobes import Lobes
+from asglight.lobes.data import stack
 from asglight.lobes.frames import axes_around
 from asglight.lobes.identity.near import nearest
 
@@ -41,3 +42,16 @@ def test_where_none_may_be_it_none_is_near(count: int) -> None:
     lobes = on_the_horizon([0.0] * count, 30.0)
     _, is_near = nearest(lobes, torch.zeros(count, dtype=torch.bool))
     assert not bool(is_near.any())
+
+
+def test_of_several_frames_each_has_its_own_nearest() -> None:
+    places = ([0.0, 3.0, 40.0], [0.0, 50.0, 8.0], [0.0, 80.0, 160.0])
+    frames = [on_the_horizon(degrees, 30.0) for degrees in places]
+    among = torch.tensor([[True, True, True], [True, False, True], [False, False, True]])
+    index, is_near = nearest(stack(frames), among[:, None])
+    for frame, lobes in enumerate(frames):
+        own_index, own_is_near = nearest(lobes, among[frame])
+        assert is_near[frame].tolist() == own_is_near.tolist()
+        assert index[frame].tolist() == own_index.tolist()
+    assert index[1].tolist()[0] == 2
+    assert is_near[:, 0].tolist() == [True, True, False]
