@@ -4,9 +4,10 @@ r"""What a fit spends on what a clean scene does not need: processor time and ca
     python -m benchmarks.shots.clean_scene --still ../shared/hdri/esplanade.exr \
         --sequence ../shared/sequences/day
 
-`asglight fit` runs in this process, everything loaded before. A part's time is that of the thread
-which runs it (`time.thread_time`), what it calls included; the whole is that of the process and of
-the one that decodes. Medians over repeats, so that other work on the machine says little.
+`asglight fit` runs in this process on one thread, everything loaded before. A part's time is that
+of the thread which runs it (`time.thread_time`), what it calls included; the whole is that of the
+process and of the one that decodes. Medians over repeats, so that other work on the machine says
+little.
 """
 
 import argparse
@@ -22,6 +23,8 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
+
+import torch
 
 from asglight.cli.main import main as asglight
 from asglight.images import read_latlong, sequence
@@ -64,6 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--frames", type=int, default=8, metavar="N", help="of it (default: %(default)s)")
     add("--repeats", type=int, default=3, metavar="N", help="of each (default: %(default)s)")
     options = parser.parse_args(argv)
+    torch.set_num_threads(1)  # so that the thread that calls a part does all of its work
     first = sequence.open_sequence(options.sequence).frames[: options.frames]
     shot = [options.sequence, "--frames", f"{first[0]}-{first[-1]}"]
     fits = {
