@@ -178,14 +178,14 @@ CHANGES: dict[str, tuple[Callable[[Seen], Seen], str, str]] = {
     "moved": (
         lambda one: replace(
             one,
-            position=Rotation.from_rotvec([0, 0, 0.5]).apply(one.position),
+            position=Rotation.from_rotvec([0, 0, 0.4]).apply(one.position),
             rotation=(
-                Rotation.from_rotvec([0, 0, 0.5])
+                Rotation.from_rotvec([0, 0, 0.4])
                 * Rotation.from_quat(one.rotation, scalar_first=True)
             ).as_quat(scalar_first=True),
         ),
         "moved",
-        "turned by 28.6 degrees",
+        "turned by 22.9 degrees",
     ),
 }
 
