@@ -259,6 +259,31 @@ static Pairs pairs(const Probes *probes) {
     return (Pairs){at, at + row, {spectra, spectra + size}};
 }
 
+/* A probe's rings, the mirrored ones side by side, and memory for them. */
+typedef struct {
+    int count, all, some, waves; /* views of a ring, rings, their first half, waves of a ring */
+    long ring_size, view_size;   /* floats of two mirrored rings' waves, and of a ring's views */
+    float *rings, *both, *filtered, *less; /* waves; views; of one wave, sums and differences */
+} Ringed;
+
+static Ringed ringed(const Probes *probes, int source) {
+    int all = probes->rings[source], some = half_of(all), waves = probes->own_waves[source];
+    long ring_size = 2L * waves * LANE, view_size = (long)probes->counts[source] * LANE;
+    float *filtered = scratch(FILTERED, 2L * some * LANE);
+    return (Ringed){probes->counts[source], all, some, waves, ring_size, view_size,
+                    scratch(RINGS, some * ring_size), scratch(LAID_VIEWS, view_size),
+                    filtered, filtered + some * LANE};
+}
+
+/* Whether a ring mirrors itself. */
+static inline int is_middle(int ring, const Ringed *of) { return 2 * ring == of->all - 1; }
+
+/* The sum and the difference; of a middle ring, which is alone, itself and nothing. */
+static inline void sum_and_difference(vec a, vec b, int alone, vec *plus, vec *minus) {
+    *plus = a, *minus = splat(0.0f);
+    if (!alone) *plus = a + b, *minus = a - b;
+}
+
 /* `probe_lanes` of images of which a HALF of the lanes counts. */
 void probe_few(const Probes *probes, const float *images, float *views) {
     int rows = probes->rows, half = half_of(rows);
@@ -273,31 +298,28 @@ void probe_few(const Probes *probes, const float *images, float *views) {
                    own.spectra[1] + (long)row * LANE, (long)half * LANE);
     }
     for (int source = 0; source < probes->sources; source++) {
-        int count = probes->counts[source], all = probes->rings[source], some = half_of(all);
-        int waves = probes->own_waves[source];
-        long ring_size = 2L * waves * LANE, view_size = (long)count * LANE;
-        float *rings = scratch(RINGS, some * ring_size), *both = scratch(LAID_VIEWS, view_size);
-        float *filtered = scratch(FILTERED, 2L * some * LANE), *less = filtered + some * LANE;
-        for (int wave = 0; wave < waves; wave++) {
+        Ringed of = ringed(probes, source);
+        for (int wave = 0; wave < of.waves; wave++) {
             for (int minus = 0; minus < 2; minus++)
-                product(some, LANE, half, filter_of(probes, source, wave, minus), half, 1,
+                product(of.some, LANE, half, filter_of(probes, source, wave, minus), half, 1,
                         own.spectra[minus] + (long)wave * half * LANE, LANE,
-                        minus ? less : filtered, LANE, 0);
-            for (int ring = 0; ring < some; ring++) {
-                vec a = load(filtered + ring * LANE), b = load(less + ring * LANE);
-                vec plus = a, minus = splat(0.0f);
-                if (2 * ring < all - 1) plus = a + b, minus = a - b;
-                float *to = rings + ring * ring_size + 2L * wave * LANE;
+                        minus ? of.less : of.filtered, LANE, 0);
+            for (int ring = 0; ring < of.some; ring++) {
+                vec a = load(of.filtered + ring * LANE), b = load(of.less + ring * LANE);
+                vec plus, minus;
+                sum_and_difference(a, b, is_middle(ring, &of), &plus, &minus);
+                float *to = of.rings + ring * of.ring_size + 2L * wave * LANE;
                 store(to, firsts(plus, minus));
                 store(to + LANE, seconds(plus, minus));
             }
         }
-        for (int ring = 0; ring < some; ring++) {
-            synthesise(count, waves, LANE, of_rings(probes, source), rings + ring * ring_size,
-                       2 * LANE, both);
-            part(count, both, views + ring * view_size, views + (all - 1 - ring) * view_size);
+        for (int ring = 0; ring < of.some; ring++) {
+            synthesise(of.count, of.waves, LANE, of_rings(probes, source),
+                       of.rings + ring * of.ring_size, 2 * LANE, of.both);
+            part(of.count, of.both, views + ring * of.view_size,
+                 views + (of.all - 1 - ring) * of.view_size);
         }
-        views += all * view_size;
+        views += of.all * of.view_size;
     }
 }
 
@@ -307,32 +329,29 @@ void pull_few(const Probes *probes, const float *views, float *images) {
     Pairs own = pairs(probes);
     clear(2L * probes->waves * half * LANE, own.spectra[0]);
     for (int source = 0; source < probes->sources; source++) {
-        int count = probes->counts[source], all = probes->rings[source], some = half_of(all);
-        int waves = probes->own_waves[source];
-        long ring_size = 2L * waves * LANE, view_size = (long)count * LANE;
-        float *rings = scratch(RINGS, some * ring_size), *both = scratch(LAID_VIEWS, view_size);
-        float *filtered = scratch(FILTERED, 2L * some * LANE), *less = filtered + some * LANE;
-        for (int ring = 0; ring < some; ring++) {
-            join(count, views + ring * view_size, views + (all - 1 - ring) * view_size, both);
-            analyse(count, waves, LANE, of_rings(probes, source), both, rings + ring * ring_size,
-                    2 * LANE);
+        Ringed of = ringed(probes, source);
+        for (int ring = 0; ring < of.some; ring++) {
+            join(of.count, views + ring * of.view_size,
+                 views + (of.all - 1 - ring) * of.view_size, of.both);
+            analyse(of.count, of.waves, LANE, of_rings(probes, source), of.both,
+                    of.rings + ring * of.ring_size, 2 * LANE);
         }
-        for (int wave = 0; wave < waves; wave++) {
-            for (int ring = 0; ring < some; ring++) {
-                const float *from = rings + ring * ring_size + 2L * wave * LANE;
+        for (int wave = 0; wave < of.waves; wave++) {
+            for (int ring = 0; ring < of.some; ring++) {
+                const float *from = of.rings + ring * of.ring_size + 2L * wave * LANE;
                 vec cosine = load(from), sine = load(from + LANE);
                 vec a = firsts(cosine, sine), b = seconds(cosine, sine);
-                vec plus = a, minus = splat(0.0f);
-                if (2 * ring < all - 1) plus = a + b, minus = a - b;
-                store(filtered + ring * LANE, plus);
-                store(less + ring * LANE, minus);
+                vec plus, minus;
+                sum_and_difference(a, b, is_middle(ring, &of), &plus, &minus);
+                store(of.filtered + ring * LANE, plus);
+                store(of.less + ring * LANE, minus);
             }
             for (int minus = 0; minus < 2; minus++)
-                product(half, LANE, some, filter_of(probes, source, wave, minus), 1, half,
-                        minus ? less : filtered, LANE,
+                product(half, LANE, of.some, filter_of(probes, source, wave, minus), 1, half,
+                        minus ? of.less : of.filtered, LANE,
                         own.spectra[minus] + (long)wave * half * LANE, LANE, 1);
         }
-        views += all * view_size;
+        views += of.all * of.view_size;
     }
     for (int row = 0; row < half; row++) {
         float *one = images + 2L * rows * LANE * row;

@@ -124,7 +124,7 @@ def tables(height: int, sources: tuple[Probe, ...] = PROBES) -> layout.Probes:
     return _tables(height, sources)
 
 
-@lru_cache(maxsize=16)  # which takes a default that is given for another call
+@lru_cache(maxsize=16)  # to it, a default that is given and one that is left out are two calls
 @torch.inference_mode(False)
 def _tables(height: int, sources: tuple[Probe, ...]) -> layout.Probes:
     filters = [_filter(source, height) for source in sources]
