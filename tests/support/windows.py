@@ -169,6 +169,7 @@ def drive(tracks: LobeTracks, script: Callable[[Any, Driven], None], **options: 
     screenshot.use_no_display()
     params = running.runner_params(driven.window, size)
     params.ini_disable = True
+    params.fps_idling.fps_max = 0.0  # a script waits for nobody
     params.dpi_aware_params.dpi_window_size_factor = scale
 
     def watched(test: Any) -> None:
