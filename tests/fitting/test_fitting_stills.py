@@ -82,9 +82,14 @@ def test_maps_of_two_sizes_are_refused() -> None:
 
 
 @pytest.mark.parametrize("spread", [math.inf, 4.0, None])
-def test_starts_are_those_of_each_map(spread: float | None) -> None:
+@pytest.mark.parametrize("is_compiled", [True, False])
+def test_starts_are_those_of_each_map(
+    spread: float | None, is_compiled: bool, request: pytest.FixtureRequest
+) -> None:
     sources = [seeding.cells(each) for each in _maps(64)]
     assert len({len(source.weight) for source in sources}) > 1  # some are filled up
+    if not is_compiled:
+        request.getfixturevalue("torch_steps")
     found = seeds_of_each(sources, 5, Form.ASG, spread)
     for index, source in enumerate(sources):
         expected = seeding.seed_lobes(source, 5, Form.ASG, spread)

@@ -2,9 +2,9 @@
 """Steps and their dear parts, compiled: the C files beside this one, called with tensors.
 
 Each function stands for the one of the same name in lobe_images.py, objective.py, probes.py,
-light.py or newton.py, which is the reference, and serves wherever this does not: on a GPU, for
-other forms than asg, in float64, on grids with an odd number of rows, and where nothing was
-compiled.
+light.py, newton.py or seeding.py, which is the reference, and serves wherever this does not: on a
+GPU, for steps of other forms than asg or in float64, on grids with an odd number of rows, and where
+nothing was compiled.
 """
 
 import ctypes
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import normalize, pad
 
 from asglight.c_library import LIBRARIES, X86, fingerprint
 from asglight.fitting.compiled import layout
@@ -24,6 +25,7 @@ from asglight.fitting.loss.grid import Grid
 from asglight.lobes import Form, Lobes
 
 if TYPE_CHECKING:
+    from asglight.fitting.first_frame.seeding import Cells
     from asglight.fitting.loss import adaptive_cells as places
     from asglight.fitting.loss import objective
     from asglight.fitting.loss.lobe_images import Images
@@ -32,6 +34,9 @@ NAME = LIBRARIES["fitting/compiled"]
 
 LANE = 8
 """Of steps.h: so many adaptive cells are taken at a time."""
+
+WIDE = 4
+"""Of mixture.c: so many cells are."""
 
 FUNCTIONS = (
     ("asglight_images", 2, 6),
@@ -42,6 +47,7 @@ FUNCTIONS = (
     ("asglight_probe", 1, 3),
     ("asglight_light", 2, 8),
     ("asglight_minimise", 3, 6),
+    ("asglight_mixture", 3, 5),
 )
 """Of each, how many arguments are numbers, which come first, and how many are addresses."""
 
@@ -110,6 +116,11 @@ def runs_on(tensor: Tensor) -> bool:
         and tensor.element_size() == 4
         and not tensor.requires_grad
     )
+
+
+def mixes(weight: Tensor) -> bool:
+    """Tell whether mixtures over cells of this kind are compiled ones."""
+    return LIBRARY is not None and weight.device.type == "cpu" and weight.dtype == torch.float64
 
 
 def images(lobes: Lobes, places: Adaptive, adaptive_count: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -293,6 +304,32 @@ def minimise(
     if raised:
         raise raised[0]
     return value, damping
+
+
+def mixture(
+    source: "Cells", taken: Tensor, variance_min: float, steps: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return what `seeding.expectation_maximisation` finds: axis_z, sharpness and taken.
+
+    Args:
+        source: The cells.
+        taken: The share of each cell that each lobe takes at first.  [C, N]
+        variance_min: Smallest variance, radians squared.
+        steps: How many.
+
+    Returns:
+        [N, 3], [N] and [C, N].
+    """
+    cells, lobes = taken.shape
+    upper = source.second[:, *torch.triu_indices(3, 3)]
+    unit = normalize(source.mean, dim=-1)
+    rows = torch.cat([unit, source.weight[:, None], source.mean, upper], dim=-1)
+    wide = -(-cells // WIDE) * WIDE
+    own, shares = (pad(each.mT, (0, wide - cells)).contiguous() for each in (rows, taken))
+    axis_z, sharpness = taken.new_empty(lobes, 3), taken.new_empty(lobes)
+    least = torch.tensor(variance_min, dtype=torch.float64)
+    _call("asglight_mixture", wide, lobes, steps, own, least, shares, axis_z, sharpness)
+    return axis_z, sharpness, shares[:, :cells].mT
 
 
 def _call(name: str, *arguments: Any) -> None:

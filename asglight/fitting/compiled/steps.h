@@ -185,6 +185,7 @@ enum {
     SYSTEM,                                       /* steps.c */
     STATES, EQUATIONS,                            /* minimise.c */
     ROOTED, LAID_LOBES, OF_FRAME,                 /* light.c */
+    MIXED,                                        /* mixture.c */
     ARENAS
 };
 

@@ -23,6 +23,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
+from asglight.fitting import compiled
 from asglight.fitting.loss import constants
 from asglight.lobes import Form, Lobes, asg, flat
 from asglight.lobes.frames import axes_around
@@ -88,24 +89,26 @@ def cells(reference: Tensor) -> Cells:
     """
     height, width, _ = reference.shape
     moments, solid_angle = _of_directions(height, width, str(reference.device))
-    radiance = reference.double()
     # RGB, power times direction and its outer product; no more of so much memory than it takes
-    integrals = moments.new_empty(height, width, 3 + moments.shape[-1])
-    integrals[..., :3] = radiance
-    torch.mul(radiance.sum(-1, keepdim=True), moments, out=integrals[..., 3:])
-    integrals *= solid_angle
-    enough = BRIGHT_SHARE * integrals[..., :3].sum()
+    texels = moments.new_empty(height, width, 3 + moments.shape[-1])
+    texels[..., :3] = reference
+    torch.mul(texels[..., :3].sum(-1, keepdim=True), moments, out=texels[..., 3:])
+    texels *= solid_angle
+    grids = [texels]  # from fine to coarse
+    for rows in reversed(CELL_ROWS):
+        if rows < height and height % rows == 0:
+            factor = len(grids[-1]) // rows
+            columns = grids[-1].unflatten(1, (-1, factor)).sum(2)
+            grids.append(columns.unflatten(0, (-1, factor)).sum(1))
+    enough = BRIGHT_SHARE * grids[-1][..., :3].sum()
     parts: list[Tensor] = []
     reached = torch.ones(1, 1, dtype=torch.bool, device=reference.device)
-    sizes = [rows for rows in CELL_ROWS if rows < height and height % rows == 0]
-    for rows in sizes:
-        factor = height // rows
-        reached = _finer(reached, rows)
-        blocks = integrals.unflatten(1, (-1, factor)).sum(2).unflatten(0, (-1, factor)).sum(1)
+    for blocks in reversed(grids[1:]):
+        reached = _finer(reached, len(blocks))
         bright = blocks[..., :3].sum(-1) > enough
         parts.append(blocks[reached & ~bright])
         reached = reached & bright
-    parts.append(integrals[_finer(reached, height)])
+    parts.append(texels[_finer(reached, height)])
     summed = torch.cat(parts)
     power = summed[:, :3].sum(-1)
     lit = power > 0
@@ -227,6 +230,10 @@ def expectation_maximisation(source: Cells, taken: Tensor, steps: int) -> Mixtur
         taken: The share of each cell that each lobe takes at first.  [C, N]
         steps: How many.
     """
+    if compiled.mixes(source.weight):
+        axis_z, sharpness, taken = compiled.mixture(source, taken, source.variance_min, steps)
+        widths = sharpness[:, None].expand(-1, 2)
+        return Mixture(Lobes(axes_around(axis_z), widths, torch.ones_like(axis_z), Form.SG), taken)
     lobes = _maximisation(source, taken, Form.SG, None)
     for _ in range(steps):
         taken = _expectation(source, lobes, taken)

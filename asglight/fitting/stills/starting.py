@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Starts of many maps at once: the functions of seeding.py, by `torch.vmap`."""
+"""Starts of many maps: the functions of seeding.py, compiled map by map, or by `torch.vmap`."""
 
 from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
+from asglight.fitting import compiled
 from asglight.fitting.first_frame import seeding
 from asglight.fitting.first_frame.seeding import Cells
 from asglight.lobes import Form, Lobes
+from asglight.lobes.data import stack
 
 
 def seeds_of_each(
@@ -22,6 +24,8 @@ def seeds_of_each(
         form: Lobe function.
         spread_deg: Of the cut into clusters; None for no cut, but even directions.
     """
+    if compiled.mixes(sources[0].weight):
+        return stack([seeding.seed_lobes(each, count, form, spread_deg) for each in sources])
     least = sources[0].variance_min
 
     def of_one(flux: Tensor, weight: Tensor, mean: Tensor, second: Tensor) -> tuple[Tensor, ...]:
