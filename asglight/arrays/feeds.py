@@ -20,8 +20,8 @@ from torch import Tensor
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import read_latlong
-from asglight.images.decoding.decode import DamagedError
 from asglight.images.decoding.decoders import APART
+from asglight.images.decoding.header import DamagedError
 from asglight.images.frame_files import NothingThereError, find
 from asglight.images.options import ReadOptions
 

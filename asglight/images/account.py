@@ -4,7 +4,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from asglight.images.decoding.decode import Header
+from asglight.images.decoding.header import Header
 from asglight.images.message import listing
 
 

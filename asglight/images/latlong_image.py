@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from asglight.errors import InputError
-from asglight.images.decoding import decode
 from asglight.images.decoding.decoders import HERE, Decoder
+from asglight.images.decoding.header import Header
 from asglight.images.loss import check_loss
 from asglight.images.message import shown
 from asglight.images.options import ReadOptions
@@ -44,7 +44,7 @@ class LatlongImage:
     """
 
     radiance: Tensor
-    header: decode.Header
+    header: Header
     source_shape: tuple[int, int]
     repair: Repair
 
@@ -108,7 +108,7 @@ def read_header(
     path: Path,
     reading: ReadOptions = ReadOptions(),  # noqa: B008
     decoder: Decoder = HERE,
-) -> decode.Header:
+) -> Header:
     """Read the header of a file and make sure that it is a latlong.
 
     Raises:

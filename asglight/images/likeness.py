@@ -2,7 +2,7 @@
 """Frames of a sequence are alike: the same layer, size and colours by name, the same white."""
 
 from asglight.errors import InputError
-from asglight.images.decoding.decode import Header
+from asglight.images.decoding.header import Header
 from asglight.images.message import shown
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from asglight.images import colour, ocio
 from asglight.images.decoding import luminance_chroma
-from asglight.images.decoding.decode import Header
+from asglight.images.decoding.header import Header
 from asglight.images.infinite import HALF_MAX
 
 CURVE_MAX = 1e38

@@ -4,7 +4,7 @@
 import math
 from pathlib import Path
 
-from asglight.images.decoding.decode import DamagedError
+from asglight.images.decoding.header import DamagedError
 from asglight.images.repair import Repair
 
 CONVERTED_MAX = 0.9

@@ -14,7 +14,6 @@ import functools
 from typing import TYPE_CHECKING
 
 import numpy as np
-import OpenImageIO
 from numpy.typing import NDArray
 
 from asglight.errors import InputError
@@ -23,6 +22,7 @@ from asglight.images.colour import Chromaticities, ColourSpace
 from asglight.images.message import listing, shown
 
 if TYPE_CHECKING:
+    import OpenImageIO
     import PyOpenColorIO
 
 CONFIG = "ocio://studio-config-latest"
@@ -183,8 +183,10 @@ def _processor(source: str, target: str) -> "PyOpenColorIO.CPUProcessor":
 
 
 @functools.cache
-def config() -> OpenImageIO.ColorConfig:
+def config() -> "OpenImageIO.ColorConfig":
     """Return the config."""
+    import OpenImageIO  # slow to load, and seldom wanted
+
     return OpenImageIO.ColorConfig(CONFIG)
 
 

@@ -17,8 +17,8 @@ from typing import Literal, get_args
 
 from asglight.errors import InputError
 from asglight.images import frame_files
-from asglight.images.decoding.decode import DamagedError, Header
 from asglight.images.decoding.decoders import APART
+from asglight.images.decoding.header import DamagedError, Header
 from asglight.images.frame_files import FrameFiles, frame_set, ranges
 from asglight.images.latlong_image import (
     LatlongImage,

@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeVar
 
 from asglight.errors import InputError
 from asglight.images import LatlongImage, Sequence
-from asglight.images.decoding.decode import DamagedError
+from asglight.images.decoding.header import DamagedError
 from asglight.images.message import shown
 
 READINGS_MAX = 3

@@ -200,10 +200,11 @@ def test_the_session_of_a_stage_loads_no_fitter(readers: Loaded) -> None:
     assert begins(modules, *FITTER) == set()
 
 
-def test_the_options_of_a_fit_load_neither_scipy_nor_usd_nor_a_window(fit: Loaded) -> None:
+def test_the_options_of_a_fit_load_no_decoder_nor_scipy_nor_usd_nor_a_window(fit: Loaded) -> None:
     modules = fit.modules["options"]
     assert "torch" in modules
     late = ("scipy", "pxr", "rich", "matplotlib", "torch._dynamo", "distributed", "dask")
+    late += ("OpenImageIO", "OpenEXR", "PyOpenColorIO")  # the process that decodes has them
     assert begins(modules, *late, "moderngl", "imgui_bundle") == set()
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from asglight.errors import InputError
 from asglight.images import colour, open_sequence, read_latlong
-from asglight.images.decoding.decode import DamagedError
+from asglight.images.decoding.header import DamagedError
 from asglight.images.infinite import Infinities
 from asglight.images.options import ReadOptions
 

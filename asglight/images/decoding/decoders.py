@@ -18,15 +18,14 @@ import numpy as np
 
 from asglight.errors import InputError
 from asglight.images.decoding.apart import Apart, ApartError
-from asglight.images.decoding.decode import DamagedError, Header, read_header, unreadable
-from asglight.images.decoding.decoding_process import (
-    SLOTS,
+from asglight.images.decoding.header import (
+    DamagedError,
+    Header,
     from_json,
-    row_bytes,
-    slot_rows,
     to_json,
+    unreadable,
 )
-from asglight.images.decoding.strips import reduced_strips
+from asglight.images.decoding.slots import SLOTS, row_bytes, slot_rows
 from asglight.images.options import ReadOptions
 from asglight.images.repair import Tally
 
@@ -48,14 +47,18 @@ class Decoder(Protocol):
 
 
 class Here:
-    """Decodes in this process."""
+    """Decodes in this process, which loads what that takes when it is first asked."""
 
     def header(self, path: Path, reading: ReadOptions) -> Header:
         """Read what a file says of its image."""
+        from asglight.images.decoding.decode import read_header
+
         return read_header(path, reading)
 
     def pixels(self, header: Header, height: int) -> tuple[np.ndarray, Tally]:
         """Decode, repair and average the image."""
+        from asglight.images.decoding.strips import reduced_strips
+
         result, row = np.empty((height, 2 * height, 3), np.float32), 0
         strips = reduced_strips(header, height)
         while True:

@@ -8,19 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from asglight.images.colour import ColourSpace
 from asglight.images.decoding.apart_child import Channel, allow_memory
-from asglight.images.decoding.decode import Header, read_header
-from asglight.images.decoding.layers import Layer
+from asglight.images.decoding.decode import read_header
+from asglight.images.decoding.header import Header, from_json, to_json
+from asglight.images.decoding.slots import SLOTS, row_bytes, slot_rows
 from asglight.images.decoding.strips import reduced_strips
 from asglight.images.options import ReadOptions
-
-SLOTS = 2
-"""In the shared memory: while the rows in one are taken, the other is filled."""
-
-SLOT_BYTES = 2**24
-"""Of a slot, at most: a frame of 1024 x 512 float32 texels at once, and one of the fit's 512 x 256
-four times over, so that the process that fits is asked once a frame."""
 
 MEMORY_FACTOR = 4
 """Times the declared size of the image, with all its channels, that decoding may take."""
@@ -47,41 +40,6 @@ def handle(request: dict[str, Any], channel: Channel) -> None:
         header = from_json(request["header"])
         allow_memory(MEMORY_FREE + MEMORY_FACTOR * header.stored_bytes)
         _tell_rows(header, request["height"], channel)
-
-
-def slot_rows(height: int) -> int:
-    """Return how many rows of a result a slot takes."""
-    return min(height, max(1, SLOT_BYTES // row_bytes(height)))
-
-
-def row_bytes(height: int) -> int:
-    """Return the size of a row of a result: 2 * height texels of three float32."""
-    return 2 * height * 3 * 4
-
-
-def to_json(header: Header) -> dict[str, Any]:
-    """Return a header as JSON values."""
-    return dataclasses.asdict(header) | {"path": str(header.path)}
-
-
-def from_json(values: dict[str, Any]) -> Header:
-    """Return the header that `to_json` made JSON values of."""
-    plain = {name: _frozen(value) for name, value in values.items()}
-    layer = {name: _frozen(value) for name, value in values["layer"].items()}
-    space = {name: _frozen(value) for name, value in values["colour"].items()}
-    return Header(
-        **plain
-        | {
-            "path": Path(values["path"]),
-            "layer": Layer(**layer),
-            "colour": ColourSpace(**space),
-        }
-    )
-
-
-def _frozen(value: Any) -> Any:
-    """Return a list as the tuple that it was."""
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _tell_rows(header: Header, height: int, channel: Channel) -> None:

@@ -15,8 +15,9 @@ import numpy as np
 import OpenImageIO
 
 from asglight.errors import InputError
-from asglight.images.decoding.decode import Header, finding, opened, unreadable
+from asglight.images.decoding.decode import finding, opened
 from asglight.images.decoding.exr_chunks import ExrChunks, Unusual
+from asglight.images.decoding.header import Header, unreadable
 from asglight.images.decoding.reduction import Reduction
 from asglight.images.infinite import Infinities, Planes
 from asglight.images.linear import linearisation_of

@@ -21,9 +21,9 @@ from asglight.errors import InputError
 from asglight.images import open_sequence, read_latlong
 from asglight.images.decoding import apart
 from asglight.images.decoding.apart import Apart, ApartError
-from asglight.images.decoding.decode import DamagedError, read_header
+from asglight.images.decoding.decode import read_header
 from asglight.images.decoding.decoders import APART, Elsewhere
-from asglight.images.decoding.decoding_process import from_json, to_json
+from asglight.images.decoding.header import DamagedError, from_json, to_json
 from asglight.images.options import ReadOptions
 
 ELSEWHERE = Elsewhere()

@@ -14,8 +14,9 @@ import pytest
 from numpy.typing import NDArray
 
 from asglight.images.decoding import exr_chunks, strips
-from asglight.images.decoding.decode import DamagedError, read_header
+from asglight.images.decoding.decode import read_header
 from asglight.images.decoding.exr_chunks import ExrChunks, Unusual
+from asglight.images.decoding.header import DamagedError
 
 ROWS, COLUMNS = 75, 150
 """Beyond whole chunks of 16 and 32 rows, and beyond whole tiles."""
