@@ -6,9 +6,11 @@ integrated by brute force at points of a ball. Its lights are mixed anew at ever
 environments that the constants serve, and of them the worst. No map is used.
 Adam moves the constants so that the error of a ball's light, in units of what
 docs/method/shading.md allows at its roughness, is small on average and at the fourth power. Prints
-the errors of scenes that were not fitted. Two and a half minutes of a core.
+the errors of scenes that were not fitted. Two and a half minutes of a core. `--measure` prints
+those of the constants that are there, and leaves them.
 
     python -m benchmarks.shaded.constants
+    python -m benchmarks.shaded.constants --measure
 """
 
 import argparse
@@ -23,7 +25,7 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes, asg, frames
-from asglight.shading import brute_force, ggx, ggx_layer, ggx_lobes
+from asglight.shading import brute_force, ggx, ggx_layer, ggx_lobes, ggx_lobes_constants
 from asglight.shading.sheets import Sheets, Window, sheets
 
 OUTPUT = Path(ggx_lobes.__file__).with_name("ggx_lobes_constants.py")
@@ -97,16 +99,22 @@ FORMS = (Form.ASG, Form.BINGHAM, Form.SG)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Draw, fit, check, write."""
+    """Draw, fit, check, write; or check what is there."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=480, help="random scenes of each form (480)")
     parser.add_argument("--steps", type=int, default=STEPS, help=f"steps of the fit ({STEPS})")
     parser.add_argument("--terms", type=int, default=3, help="Gaussians of the kernel (3)")
     parser.add_argument("-o", "--output", type=Path, default=OUTPUT, help="the constants' module")
+    parser.add_argument(
+        "--measure", action="store_true", help="fit nothing: measure the constants that are there"
+    )
     options = parser.parse_args(argv)
     torch.manual_seed(0)
     torch.set_num_threads(1)  # sums in the same order everywhere
     held_out = {form: draw(form, options.scenes // 4) for form in FORMS}
+    if options.measure:
+        report(shipped(), held_out)
+        return
     scenes = {form: draw(form, options.scenes) for form in FORMS}
     constants = fitted(scenes, options.terms, options.steps)
     report(constants, held_out)
@@ -268,6 +276,19 @@ def report(constants: Constants, scenes: dict[Form, Scenes]) -> None:
             inside = errors[form][(some.roughness > low) & (some.roughness <= high)]
             cells.append(f"{100 * inside.mean():.1f} {100 * inside.quantile(0.95):.1f}")
         print(f"| to {high:g} | {' | '.join(cells)} |")
+
+
+def shipped() -> Constants:
+    """Return the constants that asglight shades with."""
+    kernel, share, disc = (
+        torch.tensor(values, dtype=torch.float64)
+        for values in (
+            ggx_lobes_constants.KERNEL,
+            ggx_lobes_constants.SHARE,
+            ggx_lobes_constants.DISC,
+        )
+    )
+    return {"kernel": kernel, "share": share, "log_disc": disc.log()}
 
 
 def module(constants: Constants) -> str:
