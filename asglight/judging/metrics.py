@@ -16,7 +16,7 @@ at 768 Fibonacci directions; max and mean run over directions and channels alike
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import torch
@@ -81,41 +81,66 @@ def map_errors(fit: Tensor, reference: Tensor) -> FrameErrors:
     return maps_errors(fit[None], reference)[0]
 
 
-@one_thread()
 def maps_errors(fits: Tensor, reference: Tensor) -> list[FrameErrors]:
     """Judge several maps against one reference: the kernels, which cost most, are computed once.
-
-    Maps are filtered in units of the reference's mean, so that neither the sums of bright ones
-    leave float32 nor dim ones lose their digits.
 
     Args:
         fits: Reconstructed maps.  [K, H, W, 3]
         reference: Repaired radiance.  [H, W, 3]
     """
-    height, width, _ = reference.shape
+    return _errors(list(fits), [reference], [0] * len(fits))
+
+
+def frames_errors(fits: Sequence[Tensor], references: Sequence[Tensor]) -> list[FrameErrors]:
+    """Judge maps against a reference each; the kernels are computed once for all.
+
+    Args:
+        fits: Reconstructed maps.  F times [H, W, 3]
+        references: Repaired radiance.  F times [H, W, 3]
+    """
+    return _errors(fits, references, list(range(len(fits))))
+
+
+@one_thread()
+def _errors(
+    fits: Sequence[Tensor], references: Sequence[Tensor], which: Sequence[int]
+) -> list[FrameErrors]:
+    """Judge maps, each against one of some references.
+
+    Maps are filtered in units of their reference's mean, so that neither the sums of bright ones
+    leave float32 nor dim ones lose their digits.
+
+    Args:
+        fits: Reconstructed maps.  K times [H, W, 3]
+        references: Repaired radiance.  R times [H, W, 3]
+        which: The reference of each map.
+    """
+    height, width, _ = references[0].shape
     solid_angle = latlong.texel_solid_angles(height, width, dtype=torch.float64)[..., None]
-    unit = _unit(reference, solid_angle)
-    reference = (reference.double() / unit).to(fits.dtype)
-    fits = (fits.double() / unit).to(fits.dtype)
-    reference_flux = (solid_angle * reference).sum()
-    directions = fibonacci_directions(DIRECTION_COUNT, dtype=fits.dtype)
-    every = torch.cat([reference[None], fits])
+    units = [_unit(reference, solid_angle) for reference in references]
+    dtype = fits[0].dtype
+    truths = [(own.double() / unit).to(dtype) for own, unit in zip(references, units, strict=True)]
+    shown = [(own.double() / units[r]).to(dtype) for own, r in zip(fits, which, strict=True)]
+    directions = fibonacci_directions(DIRECTION_COUNT, dtype=dtype)
+    every = torch.stack([*truths, *shown])
     irradiance, rough, glossy = (
-        kernels.filtered(every, kernel, directions) for kernel in (kernels.LAMBERT, 0.5, 0.25)
+        kernels.filtered(every, kernel, directions).double()
+        for kernel in (kernels.LAMBERT, 0.5, 0.25)
     )
+    fluxes = [(solid_angle * truth).sum() for truth in truths]
     return [
         FrameErrors(
             {
-                "env": _ratio((solid_angle * (fit - reference).abs()).sum(), reference_flux),
-                "flux": _ratio(((solid_angle * fit).sum() - reference_flux).abs(), reference_flux),
-                **_lambert_errors(irradiance[k].double(), irradiance[0].double()),
-                "r0.5": _relative(rough[k].double(), rough[0].double()),
-                "r0.25": _relative(glossy[k].double(), glossy[0].double()),
+                "env": _ratio((solid_angle * (fit - truths[r]).abs()).sum(), fluxes[r]),
+                "flux": _ratio(((solid_angle * fit).sum() - fluxes[r]).abs(), fluxes[r]),
+                **_lambert_errors(irradiance[k], irradiance[r]),
+                "r0.5": _relative(rough[k], rough[r]),
+                "r0.25": _relative(glossy[k], glossy[r]),
             },
-            glossy[k].double() * unit,
-            glossy[0].double() * unit,
+            glossy[k] * units[r],
+            glossy[r] * units[r],
         )
-        for k, fit in enumerate(fits, start=1)
+        for k, (fit, r) in enumerate(zip(shown, which, strict=True), start=len(truths))
     ]
 
 

@@ -9,7 +9,6 @@ from torch import Tensor
 from asglight.images.decoding.decode import read_header
 from asglight.images.decoding.strips import read_pixels
 from asglight.judging.keyed import gathered
-from asglight.judging.metrics import FrameErrors, map_errors
 from asglight.lobes import asg
 from asglight.sphere import latlong
 from asglight.usd.lights import cards
@@ -58,17 +57,6 @@ def shown_map(held: HeldKeys, frame: int, height: int, width: int) -> Tensor:
             image = _texture(paths[place]) if paths else None
             found += gathered(every[index], flux[index], image, height, width)
     return found
-
-
-def key_errors(held: HeldKeys, frame: int, reference: Tensor) -> FrameErrors:
-    """Judge keys and rest of one frame against its map.
-
-    Args:
-        held: Of a stage.
-        frame: Frame number.
-        reference: Repaired radiance.  [H, W, 3]
-    """
-    return map_errors(shown_map(held, frame, *reference.shape[:2]), reference)
 
 
 def _texture(resolved: str) -> Tensor:

@@ -234,6 +234,19 @@ def test_maps_judged_together_get_the_errors_that_each_gets_alone() -> None:
         torch.testing.assert_close(found.fit_filtered, alone.fit_filtered)
 
 
+def test_frames_judged_together_get_the_errors_that_each_gets_alone() -> None:
+    torch.manual_seed(4)
+    scale = torch.tensor([1.0, 1e-3, 0.0, 1e6], dtype=torch.float64)[:, None, None, None]
+    references = scale * torch.rand(4, 8, 16, 3, dtype=torch.float64)  # one of them is black
+    fits = scale * torch.rand(4, 8, 16, 3, dtype=torch.float64)
+    together = metrics.frames_errors(list(fits), list(references))
+    for fit, reference, found in zip(fits, references, together, strict=True):
+        alone = metrics.map_errors(fit, reference)
+        assert found.values == pytest.approx(alone.values, rel=1e-12)
+        torch.testing.assert_close(found.fit_filtered, alone.fit_filtered)
+        torch.testing.assert_close(found.reference_filtered, alone.reference_filtered)
+
+
 def test_irradiance_errors_are_irr_of_each_frame_on_a_map_of_the_lobes() -> None:
     generator = torch.Generator().manual_seed(1)
     count = metrics.FRAMES_AT_ONCE + 2  # more than one piece

@@ -48,7 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
         sequence = write_sky(folder, report)
         stage = folder / "demo.usda"
         result = fit_shot(sequence.pattern, stage, resume=True, on_progress=report)
-        errors = evaluate.judge(evaluate.of_lobes(result.tracks), sequence, sequence.frames, report)
+        errors = evaluate.judge(
+            evaluate.map_of_lobes(result.tracks), sequence, sequence.frames, report
+        )
         draw(folder, result.tracks, sequence, errors, report)
     files = written_files(folder, sequence)
     document = fit.as_document(result, str(stage))

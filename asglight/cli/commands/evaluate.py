@@ -2,10 +2,12 @@
 """`asglight eval`: the error of a stage against the images it was fitted to."""
 
 import argparse
+import itertools
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from asglight.cli import between
@@ -28,10 +30,12 @@ from asglight.judging.metrics import (
     METRIC_NAMES,
     FrameErrors,
     SequenceErrors,
-    frame_errors,
+    frames_errors,
     sequence_errors,
 )
 from asglight.lobes import LobeTracks
+from asglight.lobes.texels import texel_means
+from asglight.threads import one_thread
 
 EXAMPLE = """asglight eval sky.usda --reference sky.####.exr
 between frames: asglight eval sky.usda --reference sky.####.exr --between"""
@@ -62,17 +66,17 @@ def run(arguments: argparse.Namespace) -> int:
     """Judge each frame and print the errors."""
     if arguments.between:
         return _run_between(arguments)
-    from asglight.judging.shown_keys import key_errors, shown_keys
+    from asglight.judging.shown_keys import shown_keys, shown_map
     from asglight.usd import read_stage
 
     reading = read_stage(arguments.stage, arguments.rig)
     keys = shown_keys(arguments.stage, arguments.rig)
     frames = chosen_frames(reading.tracks, arguments.frames, arguments.stage)
     sequence = reference_for(frames, arguments)
-    judged = of_lobes(reading.tracks) if keys is None else partial(key_errors, keys)
+    made = map_of_lobes(reading.tracks) if keys is None else partial(shown_map, keys)
     what = "lobes" if keys is None else "keys and rest"
     with reporter() as report:
-        errors = judge(judged, sequence, frames, report)
+        errors = judge(made, sequence, frames, report)
     if arguments.json:
         about = {"stage": arguments.stage, "reference": arguments.reference, "judged": what}
         print_json(about | as_json(errors))
@@ -135,23 +139,34 @@ def check_frames(sequence: Sequence, frames: tuple[int, ...], reference: str, st
         )
 
 
-Judged = Callable[[int, Tensor], FrameErrors]
-"""From a frame number and its image [H, W, 3] to the errors."""
+AT_ONCE = 8
+"""Frames judged together: the kernels are computed once for them. A frame of 256 rows takes 0.87 s
+alone, 0.15 s with seven others, 0.12 s with 15; the maps of eight are 25 MB."""
+
+ShownMap = Callable[[int, int, int], Tensor]
+"""From a frame number, rows and columns to the mean radiance over each texel.  [H, W, 3]."""
 
 
-def of_lobes(tracks: LobeTracks) -> Judged:
-    """Return what judges the lobes of a frame."""
-    return lambda frame, image: frame_errors(tracks.at(frame), image)
+def map_of_lobes(tracks: LobeTracks) -> ShownMap:
+    """Return what makes maps of the lobes."""
+    return lambda frame, *shape: texel_means(tracks.at(frame).to(torch.float32), *shape)
 
 
 def judge(
-    judged: Judged, sequence: Sequence, frames: tuple[int, ...], report: Reporter
+    shown_map: ShownMap, sequence: Sequence, frames: tuple[int, ...], report: Reporter
 ) -> SequenceErrors:
     """Judge what some frames show against their images."""
 
     def errors() -> Iterator[tuple[int, FrameErrors]]:
-        for frame in report.follow(frames, "judging", len(frames)):
-            yield frame, judged(frame, sequence.read(frame).radiance)
+        followed = report.follow(frames, "judging", len(frames))
+        while some := list(itertools.islice(followed, AT_ONCE)):
+            images = [sequence.read(frame).radiance for frame in some]
+            with one_thread():
+                maps = [
+                    shown_map(frame, *image.shape[:2])
+                    for frame, image in zip(some, images, strict=True)
+                ]
+            yield from zip(some, frames_errors(maps, images), strict=True)
 
     return sequence_errors(errors())
 

@@ -72,7 +72,9 @@ def test_a_stage_that_opens_with_other_lights_has_its_lobes_judged(
     found = evaluated(tmp_path / "shot.usda", capsys)
     assert found["judged"] == "lobes"
     lobes = read_usd(tmp_path / "shot.usda").at(1001)
-    assert found["frames"][0]["irr"] == frame_errors(lobes, maps[1001]).values["irr"]
+    # frames that are judged together are summed in another order
+    expected = frame_errors(lobes, maps[1001]).values["irr"]
+    assert found["frames"][0]["irr"] == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_table_ends_with_what_was_judged(
