@@ -156,19 +156,21 @@ def judge(
     shown_map: ShownMap, sequence: Sequence, frames: tuple[int, ...], report: Reporter
 ) -> SequenceErrors:
     """Judge what some frames show against their images."""
+    return sequence_errors(
+        _judged(shown_map, sequence, report.follow(frames, "judging", len(frames)))
+    )
 
-    def errors() -> Iterator[tuple[int, FrameErrors]]:
-        followed = report.follow(frames, "judging", len(frames))
-        while some := list(itertools.islice(followed, AT_ONCE)):
-            images = [sequence.read(frame).radiance for frame in some]
-            with one_thread():
-                maps = [
-                    shown_map(frame, *image.shape[:2])
-                    for frame, image in zip(some, images, strict=True)
-                ]
-            yield from zip(some, frames_errors(maps, images), strict=True)
 
-    return sequence_errors(errors())
+def _judged(
+    shown_map: ShownMap, sequence: Sequence, frames: Iterator[int]
+) -> Iterator[tuple[int, FrameErrors]]:
+    """Judge frames, `AT_ONCE` together."""
+    while some := list(itertools.islice(frames, AT_ONCE)):
+        images = [sequence.read(frame).radiance for frame in some]
+        shapes = [image.shape[:2] for image in images]
+        with one_thread():
+            maps = [shown_map(frame, *shape) for frame, shape in zip(some, shapes, strict=True)]
+        yield from zip(some, frames_errors(maps, images), strict=True)
 
 
 def as_json(errors: SequenceErrors) -> dict[str, Any]:

@@ -306,15 +306,12 @@ def minimise(
     return value, damping
 
 
-def mixture(
-    source: "Cells", taken: Tensor, variance_min: float, steps: int
-) -> tuple[Tensor, Tensor, Tensor]:
+def mixture(source: "Cells", taken: Tensor, steps: int) -> tuple[Tensor, Tensor, Tensor]:
     """Return what `seeding.expectation_maximisation` finds: axis_z, sharpness and taken.
 
     Args:
         source: The cells.
         taken: The share of each cell that each lobe takes at first.  [C, N]
-        variance_min: Smallest variance, radians squared.
         steps: How many.
 
     Returns:
@@ -327,7 +324,7 @@ def mixture(
     wide = -(-cells // WIDE) * WIDE
     own, shares = (pad(each.mT, (0, wide - cells)).contiguous() for each in (rows, taken))
     axis_z, sharpness = taken.new_empty(lobes, 3), taken.new_empty(lobes)
-    least = torch.tensor(variance_min, dtype=torch.float64)
+    least = taken.new_tensor(source.variance_min)
     _call("asglight_mixture", wide, lobes, steps, own, least, shares, axis_z, sharpness)
     return axis_z, sharpness, shares[:, :cells].mT
 

@@ -1,15 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * Where first frames start: first_frame/seeding.expectation_maximisation, in double. A cell's share
- * of all lobes is added to their moments as soon as it is known, so a step goes over the cells once.
+ * Where first frames start: expectation-maximisation of isotropic densities, in double
+ * (first_frame/seeding.expectation_maximisation). A cell's share of all lobes is added to their
+ * moments as soon as it is known, so a step goes over the cells once.
  */
 #include "steps.h"
 
-#include <stdlib.h>
+enum { WIDE = 4 }; /* doubles in a quad: so many cells are taken at a time */
 
-enum { WIDE = 4 }; /* doubles in a vector: so many cells are taken at a time */
-
-typedef double quad __attribute__((vector_size(8 * WIDE), aligned(8), may_alias));
 typedef int64_t whole __attribute__((vector_size(8 * WIDE), aligned(8), may_alias));
 
 static const double PI = 3.14159265358979323846;
@@ -115,7 +113,7 @@ static void maximise(const quad *moments, double variance_min, Part *part) {
 API void asglight_mixture(int64_t cells, int64_t lobes, int64_t steps, const double *source,
                           const double *variance_min, double *taken, double *axis_z,
                           double *sharpness) {
-    size_t own = sizeof(Part) + sizeof(double) + MOMENTS * sizeof(quad);
+    int64_t own = sizeof(Part) + sizeof(double) + MOMENTS * sizeof(quad);
     quad *moments = (quad *)scratch(MIXED, lobes * own / sizeof(float));
     Part *parts = (Part *)(moments + lobes * MOMENTS);
     double *peak = (double *)(parts + lobes);

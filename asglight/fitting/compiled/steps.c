@@ -13,8 +13,6 @@ static const double BROAD = 0.5, ROUND_RATIO = 2.6, SEEN_SHARE = 1e-12;
 
 enum { STRIP = 4 };
 
-typedef double quad __attribute__((vector_size(32), aligned(8), may_alias));
-
 /* Of a row and each of some others side by side, products of what lies before the others' diagonals,
  * summed by place modulo 4: one chain of sums after the other would wait for each addition. */
 static void strip_products(const double *row, const double *others, long n, int count, long before,

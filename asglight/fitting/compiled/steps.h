@@ -26,6 +26,7 @@
 #define LANE 8 /* floats in a vector */
 
 typedef float vec __attribute__((vector_size(4 * LANE), aligned(4), may_alias));
+typedef double quad __attribute__((vector_size(32), aligned(8), may_alias));
 typedef int32_t ivec __attribute__((vector_size(4 * LANE), aligned(4), may_alias));
 
 static inline vec splat(float x) { return (vec){x, x, x, x, x, x, x, x}; }

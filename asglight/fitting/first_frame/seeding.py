@@ -231,7 +231,7 @@ def expectation_maximisation(source: Cells, taken: Tensor, steps: int) -> Mixtur
         steps: How many.
     """
     if compiled.mixes(source.weight):
-        axis_z, sharpness, taken = compiled.mixture(source, taken, source.variance_min, steps)
+        axis_z, sharpness, taken = compiled.mixture(source, taken, steps)
         widths = sharpness[:, None].expand(-1, 2)
         return Mixture(Lobes(axes_around(axis_z), widths, torch.ones_like(axis_z), Form.SG), taken)
     lobes = _maximisation(source, taken, Form.SG, None)
