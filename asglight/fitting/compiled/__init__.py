@@ -10,7 +10,7 @@ nothing was compiled.
 import ctypes
 import platform
 from collections.abc import Callable
-from ctypes import CFUNCTYPE, Structure, addressof, c_int, c_int64, c_void_p
+from ctypes import CFUNCTYPE, Structure, addressof, c_int, c_int64, c_uint32, c_void_p
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,6 +72,8 @@ def load() -> ctypes.CDLL | None:
         return None
     if library.asglight_sources() != fingerprint(path.parent).encode():
         return None
+    library.asglight_flush.restype = c_uint32
+    library.asglight_restore.argtypes, library.asglight_restore.restype = [c_uint32], None
     for name, numbers, addresses in FUNCTIONS:
         function = getattr(library, name)
         function.argtypes = [*[c_int64] * numbers, *[c_void_p] * addresses]
@@ -339,7 +341,10 @@ def _call(name: str, *arguments: Any) -> None:
         else each
         for each in arguments
     ]
+    assert LIBRARY is not None
+    before = LIBRARY.asglight_flush()
     getattr(LIBRARY, name)(*given)
+    LIBRARY.asglight_restore(before)
 
 
 def _contiguous(*tensors: Tensor) -> list[Tensor]:

@@ -16,6 +16,7 @@ from lobe_cases import DOUBLE, alike
 
 from asglight import c_library as library
 from asglight.fitting import compiled
+from asglight.fitting.loss import lobe_images
 from asglight.lobes import Form, Lobes
 
 pytestmark = pytest.mark.skipif(
@@ -75,6 +76,21 @@ def test_a_processor_that_is_too_old_is_left_to_torch(monkeypatch: pytest.Monkey
     monkeypatch.setattr(compiled.platform, "machine", lambda: "x86_64")
     monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "DEFAULT")
     assert compiled.load() is None
+
+
+@pytest.mark.skipif(
+    library.platform.machine() not in library.X86, reason="other processors are left as they are"
+)
+def test_numbers_below_the_smallest_normal_one_are_zero_in_calls_only() -> None:
+    assert compiled.LIBRARY is not None
+    small = torch.full((8,), 1e-39)
+    assert (small * 0.5 > 0).all()
+    before = compiled.LIBRARY.asglight_flush()
+    within = small * 0.5, small * 1e10
+    compiled.LIBRARY.asglight_restore(before)
+    assert all((each == 0).all() for each in within)
+    lobe_images.images(alike(Form.ASG), plain_cells(32))
+    assert (small * 0.5 > 0).all()
 
 
 def test_the_library_is_compiled_and_put_in_place_whole(made: Path) -> None:
