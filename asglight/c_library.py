@@ -28,8 +28,7 @@ FLAGS = (
 
 X86_FLAGS = {"steps.so": ("-march=x86-64-v3",)}
 """Of a library that is loaded only where the processor has AVX2 and FMA (Intel's since 2013, AMD's
-since 2015); others ask the processor when they run. With vectors of AVX-512 products are no faster
-on processors that compute their halves one after the other."""
+since 2015); others ask the processor when they run, as do its products for AVX-512."""
 
 
 def fingerprint(folder: Path) -> str:

@@ -10,81 +10,44 @@
 #include <xmmintrin.h>
 #endif
 
-#define TILE_ROWS 6
+#define GRAM_ROWS 12
+
+#define VECTOR vec
+#define LANES LANE
+#define TARGET
+#define WIDE_ROWS 6
 #define NARROW_ROWS 12
+#define NAMED(name) name
+#include "tiles.h"
 
-/* c [rows][vectors * LANE] (+)= a b, everything in registers; rows and vectors are constants. */
-static inline __attribute__((always_inline)) void tile(const int rows, const int vectors, int k,
-                                                       const float *a, long row, long column,
-                                                       const float *b, long ldb, float *c,
-                                                       long ldc, int add) {
-    vec total[NARROW_ROWS][2];
-#pragma GCC unroll 12
-    for (int i = 0; i < rows; i++)
-#pragma GCC unroll 2
-        for (int j = 0; j < vectors; j++) total[i][j] = splat(0.0f);
-    for (int step = 0; step < k; step++) {
-        vec right[2];
-#pragma GCC unroll 2
-        for (int j = 0; j < vectors; j++) right[j] = load(b + step * ldb + LANE * j);
-#pragma GCC unroll 12
-        for (int i = 0; i < rows; i++) {
-            vec left = splat(a[i * row + step * column]);
-#pragma GCC unroll 2
-            for (int j = 0; j < vectors; j++) total[i][j] += left * right[j];
-        }
-    }
-#pragma GCC unroll 12
-    for (int i = 0; i < rows; i++)
-#pragma GCC unroll 2
-        for (int j = 0; j < vectors; j++) {
-            float *to = c + i * ldc + LANE * j;
-            if (add) total[i][j] += load(to);
-            store(to, total[i][j]);
-        }
-}
+#if defined(__x86_64__)
+typedef float wide_vec __attribute__((vector_size(64), aligned(4), may_alias));
 
-#define CASE(count, vectors)                                          \
-    case count:                                                       \
-        tile(count, vectors, k, a, row, column, b, ldb, c, ldc, add); \
-        break;
-
-static void wide_tile(int rows, int k, const float *a, long row, long column, const float *b,
-                      long ldb, float *c, long ldc, int add) {
-    switch (rows) {
-        CASE(1, 2) CASE(2, 2) CASE(3, 2) CASE(4, 2) CASE(5, 2) CASE(6, 2)
-    }
-}
-
-static void narrow_tile(int rows, int k, const float *a, long row, long column, const float *b,
-                        long ldb, float *c, long ldc, int add) {
-    switch (rows) {
-        CASE(1, 1) CASE(2, 1) CASE(3, 1) CASE(4, 1) CASE(5, 1) CASE(6, 1)
-        CASE(7, 1) CASE(8, 1) CASE(9, 1) CASE(10, 1) CASE(11, 1) CASE(12, 1)
-    }
-}
+#define VECTOR wide_vec
+#define LANES 16
+#define TARGET __attribute__((target("avx512f")))
+#define WIDE_ROWS 12
+#define NARROW_ROWS 12
+#define NAMED(name) wide_##name
+#include "tiles.h"
+#endif
 
 /* c [m][n] (+)= a [m][k] b [k][n]; n is a multiple of LANE, a's elements lie `row` and `column`
  * apart. */
 void product(int m, int n, int k, const float *a, long row, long column, const float *b, long ldb,
              float *c, long ldc, int add) {
     int j = 0;
-    for (; j + 2 * LANE <= n; j += 2 * LANE)
-        for (int i = 0; i < m; i += TILE_ROWS) {
-            int rows = m - i < TILE_ROWS ? m - i : TILE_ROWS;
-            wide_tile(rows, k, a + i * row, row, column, b + j, ldb, c + i * ldc + j, ldc, add);
-        }
-    for (; j < n; j += LANE)
-        for (int i = 0; i < m; i += NARROW_ROWS) {
-            int rows = m - i < NARROW_ROWS ? m - i : NARROW_ROWS;
-            narrow_tile(rows, k, a + i * row, row, column, b + j, ldb, c + i * ldc + j, ldc, add);
-        }
+#if defined(__x86_64__)
+    if (__builtin_cpu_supports("avx512f"))
+        j = wide_columns(m, n, k, a, row, column, b, ldb, c, ldc, add);
+#endif
+    columns(m, n - j, k, a, row, column, b + j, ldb, c + j, ldc, add);
 }
 
 /* gram [width][width] += weighted^T columns, both [count][width], where column >= row at least. */
 void gram_add(int count, int width, const float *weighted, const float *columns, float *gram) {
-    for (int i = 0; i < width; i += TILE_ROWS) {
-        int rows = width - i < TILE_ROWS ? width - i : TILE_ROWS;
+    for (int i = 0; i < width; i += GRAM_ROWS) {
+        int rows = width - i < GRAM_ROWS ? width - i : GRAM_ROWS;
         int j = i / (2 * LANE) * (2 * LANE);
         product(rows, width - j, count, weighted + i, 1, width, columns + j, width,
                 gram + (long)i * width + j, width, 1);
