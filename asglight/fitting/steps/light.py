@@ -156,8 +156,10 @@ def _non_negative(gram: Tensor, right: Tensor, near: Tensor) -> Tensor:
         ridge *= 10
         if ridge > 1:
             return near.clone()
-    pulled = wanted * scale[:, None] + ridge * before / scale[:, None]
-    solved = [non_negative_least_squares(ridged, column) for column in pulled.T]
+    start = before / scale[:, None]
+    pulled = wanted * scale[:, None] + ridge * start
+    columns = zip(pulled.T, start.T, strict=True)
+    solved = [non_negative_least_squares(ridged, *column) for column in columns]
     return torch.from_numpy(np.stack(solved, axis=-1) * scale[:, None]).to(gram)
 
 
