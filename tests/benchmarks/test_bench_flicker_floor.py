@@ -17,7 +17,7 @@ from asglight.judging.metrics import frame_errors, sequence_errors
 
 floor = module("shots.flicker_floor")
 
-MAPS = [(1 + 0.5 * frame) * sky_and_sun(15.0 * frame, 32) for frame in range(3)]
+MAPS = [(1 + 0.5 * frame) * sky_and_sun(18.0 * frame, 32) for frame in range(3)]
 
 
 def test_the_error_of_a_frame_is_told_on_the_leaves_and_in_the_units_of_another() -> None:

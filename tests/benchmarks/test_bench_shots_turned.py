@@ -42,7 +42,8 @@ def test_fits_from_nothing_do_not_hang_on_the_frames_before() -> None:
     fit = FitOptions(3, Preset.FAST)
     both = turned.measured(maps, fit, fresh=True)
     alone = turned.measured(maps[1:] * 2, fit, fresh=True)
-    assert both.rough[1] == pytest.approx(alone.rough[0], rel=1e-6)
+    # what is missed is a difference of light of about 1 in float32
+    assert both.rough[1] == pytest.approx(alone.rough[0], abs=2**-23)
 
 
 def test_flicker_is_the_change_of_what_is_missed_over_the_whole() -> None:
