@@ -132,7 +132,8 @@ def fit_next_frame(
     if float(outcome.value) > settings.relocation.cost:  # a trial cannot lower it by more
         competing = replace(coarse, corners=levels[-1].corners)
         room = int(free.sum())
-        lobes, stays = relocated(outcome, competing, count, room, width_min, settings.relocation)
+        limits = count, room, width_min
+        lobes, stays = relocated(outcome, own, competing, *limits, settings.relocation)
         if lobes.count > len(places):
             levels = settings.changed or levels
         places = _places(lobes, stays, places, before, free)

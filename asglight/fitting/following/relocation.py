@@ -3,9 +3,10 @@
 
 Steps go downhill, so lobes keep the lamps that they have. A lamp that comes into sight, is switched
 on or comes near needs more of them. Candidates are one half of the lobe that most of J lies on
-(split_merge.py), and the direction in which the sharpest probe lacks most light. A few steps of
-each on few cells tell whether J falls by enough [in the spirit of split-and-merge EM, Ueda et al.
-2000].
+(split_merge.py), and the direction in which the sharpest probe lacks most light. Where one more may
+be lit, the lobes as they were before their steps compete as well, with a light where they lack
+most: a lamp that is switched on pulls lobes away from what they show. A few steps of each on few
+cells tell whether J falls by enough [in the spirit of split-and-merge EM, Ueda et al. 2000].
 
 A relocated lobe is another light: it takes a track that is dark, and its own track fades where it
 was (slots.py).
@@ -56,6 +57,7 @@ class Relocation:
 
 def relocated(
     start: newton.Outcome,
+    before: Lobes,
     frame: objective.Target,
     count: int,
     room: int,
@@ -66,6 +68,7 @@ def relocated(
 
     Args:
         start: Lit lobes.  F = 1
+        before: The same before they took any step.  [N, .]
         frame: The map on few cells.
         count: Lobes lit at most.
         room: New lobes at most: tracks that are free.
@@ -77,10 +80,12 @@ def relocated(
     """
     best = start.lobes[0]
     stays = ~temporal.is_dark(best)
-    for _ in range(min(settings.rounds, room)):
+    for number in range(min(settings.rounds, room)):
         lit = torch.nonzero(stays).flatten()
-        own = best.select(lit)
-        gone, trials = _trials(own, frame, len(lit) >= count, width_min, settings.splits)
+        own, is_full = best.select(lit), len(lit) >= count
+        gone, trials = _trials(own, frame, is_full, width_min, settings.splits)
+        if number == 0 and not is_full:
+            trials += _one_more(before.select(lit), frame)
         found, value = compete(
             stack([joined(own, _black_like(own)), *trials]),
             [own.count] * (1 + len(trials)),
@@ -130,6 +135,13 @@ def _trials(
     trials = [split_merge.halved(lobes, *each) for each in halves[:splits]]
     there = placed(lobes, new, shown, frame)
     return gone, trials if there is None else [*trials, there]
+
+
+def _one_more(lobes: Lobes, frame: objective.Target) -> list[Lobes]:
+    """Return lobes with one more where light lacks most, if any does.  [N, .] -> [N + 1, .]."""
+    more = joined(lobes, _black_like(lobes))
+    there = placed(more, lobes.count, lobe_images.images(more[None], frame.places), frame)
+    return [] if there is None else [there]
 
 
 def placed(

@@ -27,7 +27,7 @@ def _frame(lobes: Lobes) -> objective.Target:
 
 def _relocated(lobes: Lobes, *, count: int, room: int, frame: objective.Target | None = None):
     start = newton.Outcome(lobes[None], torch.empty(0), torch.tensor([0.05]))
-    return relocated(start, frame or _frame(TRUTH), count, room, 0.0, SETTINGS)
+    return relocated(start, lobes, frame or _frame(TRUTH), count, room, 0.0, SETTINGS)
 
 
 def _direction(place: tuple[float, ...]) -> torch.Tensor:
@@ -54,6 +54,21 @@ def test_a_lobe_is_added_where_fewer_are_lit_than_may_be() -> None:
     found, stays = _relocated(three, count=4, room=4)
     assert bool(stays.all())
     assert found.count == 4
+
+
+def test_what_a_new_lamp_pulled_away_stays_where_it_was() -> None:
+    """A lamp is switched on under a sky of one lobe, which steps have brought to the lamp."""
+    truth = TRUTH.select(torch.tensor([0, 3]))
+    sky, pulled = truth.select(torch.tensor([1])), truth.select(torch.tensor([0]))
+    frame = _frame(truth)
+    start = newton.Outcome(pulled[None], torch.empty(0), torch.tensor([0.05]))
+
+    def loss(before: Lobes) -> float:
+        found, stays = relocated(start, before, frame, 4, 4, 0.0, SETTINGS)
+        shown = lobe_images.images(found.select(stays)[None], frame.places)
+        return float(objective.value(shown.radiance, frame))
+
+    assert loss(sky) < 0.2 * loss(pulled)
 
 
 def test_without_a_free_track_nothing_goes() -> None:
