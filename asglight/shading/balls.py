@@ -261,7 +261,7 @@ def _upper(layer: _Layer, size: int, frame: Tensor, flux: Tensor) -> Tensor:
     chunk = max(1, _CHUNK_ELEMENTS // len(coarse))
 
     def rendered(centre: Tensor) -> Tensor:
-        """Return it of a few pixels."""
+        """Return what the layer gives in a few pixels.  [chunk, 2] -> [chunk, C]."""
         points = centre[:, None] + offsets  # [chunk, S, 2]
         covered = points.square().sum(-1) < 1
         normals = _normals(points)

@@ -69,8 +69,7 @@ float *scratch(int which, long floats) {
 }
 
 /* From here on, numbers of this thread below the smallest normal one are 0: tails of lobes are full
- * of them, and some processors (Intel's) take a hundred cycles for each. Returns what
- * `asglight_restore` takes. */
+ * of them, and Intel's processors are slow with them. Returns what `asglight_restore` takes. */
 API uint32_t asglight_flush(void) {
 #if defined(__SSE2__)
     uint32_t before = _mm_getcsr();

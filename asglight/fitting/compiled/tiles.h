@@ -43,8 +43,9 @@ TARGET static inline __attribute__((always_inline)) void NAMED(tile)(
         NAMED(tile)(count, vectors, k, a, row, column, b, ldb, c, ldc, add); \
         break;
 
-TARGET static void NAMED(rows)(int rows, int vectors, int k, const float *a, long row, long column,
-                               const float *b, long ldb, float *c, long ldc, int add) {
+TARGET static void NAMED(any_tile)(int rows, int vectors, int k, const float *a, long row,
+                                   long column, const float *b, long ldb, float *c, long ldc,
+                                   int add) {
     if (vectors == 2) switch (rows) {
             CASE(1, 2) CASE(2, 2) CASE(3, 2) CASE(4, 2) CASE(5, 2) CASE(6, 2)
 #if WIDE_ROWS > 6
@@ -64,8 +65,8 @@ TARGET static int NAMED(columns)(int m, int n, int k, const float *a, long row, 
     while (n - j >= LANES) {
         int vectors = n - j >= 2 * LANES ? 2 : 1, most = vectors == 2 ? WIDE_ROWS : NARROW_ROWS;
         for (int i = 0; i < m; i += most)
-            NAMED(rows)(m - i < most ? m - i : most, vectors, k, a + i * row, row, column, b + j, ldb,
-                        c + i * ldc + j, ldc, add);
+            NAMED(any_tile)(m - i < most ? m - i : most, vectors, k, a + i * row, row, column,
+                            b + j, ldb, c + i * ldc + j, ldc, add);
         j += vectors * LANES;
     }
     return j;
