@@ -158,6 +158,23 @@ def resting(lobes: Lobes) -> Lobes:
     return replace(lobes, sharpness=_taken(lobes.sharpness, source), slant=slant)
 
 
+def resting_moments(lobes: Lobes) -> asg.Moments:
+    """Return the moments of lobes, the black ones in the shape that they rest in.
+
+    Args:
+        lobes: A shot, float64.  [T, N, .]
+    """
+    source = light_of(is_black(lobes))
+    own = source == torch.arange(len(source))[:, None]
+
+    def of_all(known: Tensor) -> Tensor:
+        found = known.new_zeros(*source.shape, *known.shape[1:])
+        found[own] = known
+        return _taken(found, source)
+
+    return asg.Moments(*map(of_all, asg.moments(lobes[own])))
+
+
 def light_of(black: Tensor) -> Tensor:
     """Tell for each sample in time which one's light it shows, if it shows any.
 

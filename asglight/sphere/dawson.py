@@ -27,9 +27,12 @@ def dawson(x: Tensor) -> Tensor:
     power = torch.exp(2 * STEP * rest)
     growth, power_back = power.square(), 1 / power
     shrink = power_back.square()
-    total = torch.zeros_like(x)
-    for odd in range(1, 2 * TERMS, 2):
+    above, below, total = even + 1, even - 1, torch.zeros_like(x)
+    for odd in range(1, 2 * TERMS, 2):  # in place: half the time
         weight = math.exp(-((odd * STEP) ** 2))
-        total += weight * (power / (even + odd) + power_back / (even - odd))
-        power, power_back = power * growth, power_back * shrink
+        total.addcdiv_(power, above, value=weight).addcdiv_(power_back, below, value=weight)
+        power *= growth
+        power_back *= shrink
+        above += 2
+        below -= 2
     return torch.exp(-rest.square()) * total / math.sqrt(math.pi)

@@ -162,3 +162,5 @@ def test_black_frames_have_the_width_of_the_light_beside_them() -> None:
     assert torch.equal(found.sharpness, lobes.sharpness[wanted])
     assert torch.equal(found.axes, lobes.axes)
     assert torch.equal(found.amplitude, lobes.amplitude)
+    for values, own in zip(motion.resting_moments(lobes), asg.moments(lobes), strict=True):
+        assert torch.equal(values, own[wanted])

@@ -25,7 +25,7 @@ import torch
 from pxr import Gf, Sdf
 from torch import Tensor
 
-from asglight.lobes import asg, frames
+from asglight.lobes import asg, frames, motion
 from asglight.lobes.data import Form, Lobes
 from asglight.lobes.rectangles import Rectangles, rectangles
 from asglight.usd import schema
@@ -203,7 +203,7 @@ def kinds(lobes: Lobes, *, textured: bool = False) -> list[Kind]:
         One for each lobe.
     """
     lobes = lobes.to("cpu", torch.float64)
-    moments = asg.moments(lobes)
+    moments = motion.resting_moments(lobes)
     weight = lobes.amplitude.sum(-1) * moments.zeroth
     dark = weight.sum(0) == 0
     weight = torch.where(dark, 1.0, weight) / torch.where(dark, len(weight), weight.sum(0))

@@ -86,7 +86,7 @@ class Shot:
             numbers: Frame numbers, ascending.  [F]
         """
         self._lobes, self._numbers = lobes, numbers
-        self._moments = asg.moments(lobes)
+        self._moments = motion.resting_moments(lobes)
         self._black = motion.is_black(lobes)
         self._lit = ~self._black[1:] & ~self._black[:-1]
         self._colour_flux = lobes.amplitude * self._moments.zeroth[..., None]
@@ -226,24 +226,12 @@ class Shot:
         appears = self._black[:-1] & ~self._black[1:]
         sharpness = (lobes.sharpness[1:] / lobes.sharpness[:-1]).log().abs() > SAME
         differ = sharpness.any(-1) | ((color[1:] - color[:-1]).abs() > SAME).any(-1)
-        moments = self._moments_of(lobes)
         moved, merging = self._between(inserted, torch.where(appears & differ, -1, 0))
-        pairs = list(zip(moments, asg.moments(moved), strict=True))
+        pairs = list(zip(self._moments, asg.moments(moved), strict=True))
         return [
             SampledLight(one.times, one.lobes(lobes, moved), asg.Moments(*starmap(one.both, pairs)))
             for one in merging
         ]
-
-    def _moments_of(self, resting: Lobes) -> asg.Moments:
-        """Return the moments of lobes of which the black ones have other shapes.  [F, N, .]."""
-        black = Where.of(self._black)
-        if not len(black.place):
-            return self._moments
-        theirs = asg.moments(resting[black.place, black.lobe])
-        found = asg.Moments(*(values.clone() for values in self._moments))
-        for values, own in zip(found, theirs, strict=True):
-            values[black.place, black.lobe] = own
-        return found
 
     def _between(
         self, inserted: Sequence[Inserted], beside: Tensor
