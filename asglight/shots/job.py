@@ -6,6 +6,7 @@ new one, and the frames fitted so far are kept beside it (checkpoint.py). `fit_s
 fit in memory.
 """
 
+import importlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from asglight.images.sequence import Missing
 from asglight.lobes import Form, LobeTracks
 from asglight.lobes.identity.naming import named_as
 from asglight.shots.conditioning import with_condition
-from asglight.shots.events import Notice, OnProgress, ignore
+from asglight.shots.events import Event, FrameDone, Notice, OnProgress, ignore
 from asglight.shots.kept.checkpoint import SUFFIX, Checkpoint, header_of
 from asglight.shots.kept.kept_frames import SUFFIX as FRAMES_SUFFIX
 from asglight.shots.kept.kept_frames import KeptFrames
@@ -124,7 +125,8 @@ def fit_shot(
     with _kept_beside(output, sequence, options, fps, resume) as (checkpoint, images):
         _check_unchanged(sequence, checkpoint)
         _tell_state(checkpoint, on_progress)
-        shot = fitted_shot(sequence, options, checkpoint, images, on_progress, followed)
+        told = _loading_usd(on_progress)
+        shot = fitted_shot(sequence, options, checkpoint, images, told, followed)
         with one_thread():  # numbers so small that threads of torch would wait for each other
             tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
             tracks = with_condition(_named(tracks, earlier(), on_progress))
@@ -132,6 +134,18 @@ def fit_shot(
     held, space = stage.representations, ocio.NAMES[ocio.interop_id(stage.colorspace)]
     records = tuple(shot.records)
     return ShotResult(tracks, records, shot.resumed, written, held, space, written.keys)
+
+
+def _loading_usd(on_progress: OnProgress) -> OnProgress:
+    """Load what writes the stage when the first frame is there: the next are read meanwhile."""
+
+    def told(event: Event) -> None:
+        on_progress(event)
+        if isinstance(event, FrameDone):
+            # not in a thread beside the fit: pxr that loads while another library does can lock up
+            importlib.import_module("asglight.usd.write.stage_file")
+
+    return told
 
 
 def _check(
@@ -288,7 +302,6 @@ def _named_stage(
         return lambda: asked
     if not output.exists():
         return lambda: None
-    # not in a thread beside the fit: pxr that loads while another library does can lock up
     return lambda: _read(output)
 
 

@@ -75,6 +75,18 @@ status = cli.main()
 print('threads:', sys.modules['torch'].get_num_threads(), threading.active_count())
 sys.exit(status)
 """
+WRITER = """\
+import sys
+from asglight.fitting.options import FitOptions, Preset
+from asglight.shots.events import FrameDone
+from asglight.shots.job import fit_shot
+
+def told(event):
+    if isinstance(event, FrameDone):
+        print(event.frame, 'asglight.usd.write.stage_file' in sys.modules)
+
+fit_shot(*sys.argv[1:], FitOptions(2, Preset.LIVE), on_progress=told)
+"""
 
 
 @dataclass(frozen=True)
@@ -225,6 +237,17 @@ def test_a_fit_makes_its_tables_on_another_thread_while_its_options_are_loaded(
     (allowed, beside), (after, left) = (map(int, line) for line in lines)
     assert beside == min(allowed, 2)  # the other cores are for what waits for them
     assert (after, left) == (allowed, 1)
+
+
+def test_what_writes_the_stage_is_loaded_after_the_first_frame(tmp_path: Path) -> None:
+    """The next frames are read meanwhile, and nothing waits for it after the last."""
+    for number in (1, 2):
+        sky_files.write_frame(tmp_path / f"a.{number}.exr", sky_files.sky(number))
+    words = [str(tmp_path / "a.#.exr"), str(tmp_path / "a.usda")]
+    done = subprocess.run(
+        [sys.executable, "-c", WRITER, *words], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines() == ["1 False", "2 True"]
 
 
 def test_the_command_says_nothing_at_its_end(fit: Loaded) -> None:
