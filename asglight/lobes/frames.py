@@ -45,8 +45,7 @@ def orthonormal(axes: Tensor) -> Tensor:
 
 def canonical(lobes: Lobes) -> Lobes:
     """Order the axes so that sharpness_x >= sharpness_y, the frame staying right-handed."""
-    swap = lobes.sharpness[..., 1] > lobes.sharpness[..., 0]
-    return _quarter_turn(lobes, swap)
+    return _turned(lobes, _to_canonical(lobes))
 
 
 def continuous(lobes: Lobes, *, keeps_first: bool = False) -> Lobes:
@@ -57,10 +56,17 @@ def continuous(lobes: Lobes, *, keeps_first: bool = False) -> Lobes:
         keeps_first: Whether the first frame stays as it is, so that a user's width remains the
             width; else it is put in canonical order. Every other follows the one before.
     """
-    frames = [lobes[0] if keeps_first else canonical(lobes[0])]
-    for index in range(1, lobes.axes.shape[0]):
-        frames.append(align(lobes[index], frames[-1]))
-    return stack(frames)
+    start = _to_canonical(lobes[0])
+    if keeps_first:
+        start = torch.zeros_like(start)
+    if lobes.form in (Form.SG, Form.BINGHAM):
+        found = [_turned(lobes[0], start)]
+        for index in range(1, lobes.axes.shape[0]):
+            found.append(align(lobes[index], found[-1]))
+        return stack(found)
+    # quarters add up: the angle of two frames that are both turned by one stays as it is
+    quarters = torch.cat([start[None], _quarters(lobes[1:], lobes[:-1])])
+    return _turned(lobes, quarters.cumsum(0) % 4)
 
 
 def align(lobes: Lobes, previous: Lobes) -> Lobes:
@@ -76,14 +82,7 @@ def align(lobes: Lobes, previous: Lobes) -> Lobes:
         flip = (lobes.axis_z * previous.axis_z).sum(-1) < 0
         turned = torch.stack([lobes.axis_x, -lobes.axis_y, -lobes.axis_z], dim=-2)
         lobes = replace(lobes, axes=torch.where(flip[..., None, None], turned, lobes.axes))
-    along_x = (lobes.axis_x * previous.axis_x).sum(-1) + (lobes.axis_y * previous.axis_y).sum(-1)
-    along_y = (lobes.axis_y * previous.axis_x).sum(-1) - (lobes.axis_x * previous.axis_y).sum(-1)
-    lobes = _quarter_turn(lobes, along_y.abs() > along_x.abs())
-    dot = (lobes.axis_x * previous.axis_x).sum(-1) + (lobes.axis_y * previous.axis_y).sum(-1)
-    half_turn = torch.ones_like(lobes.axes)
-    half_turn[..., :2, :] = torch.where(dot < 0, -1.0, 1.0).to(dot)[..., None, None]
-    slant = turned_slant(lobes.slant, dot < 0, quarters=2)
-    return replace(lobes, axes=lobes.axes * half_turn, slant=slant)
+    return _turned(lobes, _quarters(lobes, previous))
 
 
 def parallel_transport(axes: Tensor, axis_z: Tensor) -> Tensor:
@@ -180,12 +179,34 @@ def slerp(start: Tensor, end: Tensor, part: Tensor) -> Tensor:
     return axes_from_quaternion(weights[0][..., None] * first + weights[1][..., None] * last)
 
 
-def _quarter_turn(lobes: Lobes, where: Tensor) -> Lobes:
-    """Turn frames by 90 degrees about z and swap the sharpnesses, for the marked lobes."""
-    turned = torch.stack([lobes.axis_y, -lobes.axis_x, lobes.axis_z], dim=-2)
+def _to_canonical(lobes: Lobes) -> Tensor:
+    """Return how many quarters each frame is turned in canonical order: 0 or 1.  [..., N]."""
+    return (lobes.sharpness[..., 1] > lobes.sharpness[..., 0]).long()
+
+
+def _quarters(lobes: Lobes, previous: Lobes) -> Tensor:
+    """Return how many quarters bring each frame nearest to the one in `previous`.  [..., N]."""
+    along_x = (lobes.axis_x * previous.axis_x).sum(-1) + (lobes.axis_y * previous.axis_y).sum(-1)
+    along_y = (lobes.axis_y * previous.axis_x).sum(-1) - (lobes.axis_x * previous.axis_y).sum(-1)
+    is_odd = along_y.abs() > along_x.abs()
+    return is_odd.long() + 2 * (torch.where(is_odd, along_y, along_x) < 0).long()
+
+
+def _turned(lobes: Lobes, quarters: Tensor) -> Lobes:
+    """Turn frames about z; with an odd number of quarters the sharpnesses change places.
+
+    Args:
+        lobes: [..., N, .]
+        quarters: 0 to 3: with one, x becomes y and y becomes -x.  [..., N]
+    """
+    is_odd, is_half = quarters % 2 == 1, quarters >= 2
+    odd = torch.stack([lobes.axis_y, -lobes.axis_x, lobes.axis_z], dim=-2)
+    half = torch.ones_like(lobes.axes)
+    half[..., :2, :] = torch.where(is_half, -1.0, 1.0).to(half)[..., None, None]
+    slant = turned_slant(lobes.slant, is_odd, quarters=1)
     return replace(
         lobes,
-        axes=torch.where(where[..., None, None], turned, lobes.axes),
-        sharpness=torch.where(where[..., None], lobes.sharpness.flip(-1), lobes.sharpness),
-        slant=turned_slant(lobes.slant, where, quarters=1),
+        axes=torch.where(is_odd[..., None, None], odd, lobes.axes) * half,
+        sharpness=torch.where(is_odd[..., None], lobes.sharpness.flip(-1), lobes.sharpness),
+        slant=turned_slant(slant, is_half, quarters=2),
     )
