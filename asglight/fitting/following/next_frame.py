@@ -116,7 +116,7 @@ def fit_next_frame(
     free = slots.free_tracks(previous, earlier)
     if float(previous.amplitude.max()) <= 0:
         fresh = fit_first_frame(reference, count, previous.form, threads=threads)
-        return _in_tracks_afresh(fresh, previous, free)
+        return _in_own_tracks(fresh, [], previous, previous, free)
     before = _scaled(previous, 1 / _within_reach(frame.exposure, previous))
     tracks = torch.nonzero(~temporal.is_dark(before)).flatten()
     whole = objective.target(frame.radiance)
@@ -128,15 +128,14 @@ def fit_next_frame(
     )
     prior = temporal.prior(outcome.lobes)
     outcome = stepped(outcome, coarse, settings.coarse, prior, width_min)
-    levels, places = settings.whole, tracks.tolist()
+    known = before.replaced(tracks, outcome.lobes[0])
+    levels, stays = settings.whole, torch.ones_like(tracks, dtype=torch.bool)
     if float(outcome.value) > settings.relocation.cost:  # a trial cannot lower it by more
         competing = replace(coarse, corners=levels[-1].corners)
-        room = int(free.sum())
-        limits = count, room, width_min
+        limits = count, int(free.sum()), width_min
         lobes, stays = relocated(outcome, own, competing, *limits, settings.relocation)
-        if lobes.count > len(places):
+        if len(stays) > len(tracks):
             levels = settings.changed or levels
-        places = _places(lobes, stays, places, before, free)
         outcome = replace(outcome, lobes=lobes.select(stays)[None])
     outcome = replace(outcome, shown=None)  # now on the cells of the whole map
     outcome = stepped(outcome, whole, levels, temporal.prior(outcome.lobes), width_min)
@@ -144,44 +143,40 @@ def fit_next_frame(
     if loss > settings.afresh_loss and unlike > CHANGED * loss:
         fresh = fit_first_frame(reference, count, previous.form, threads=threads)
         if fresh.loss < AFRESH_GAIN * loss:
-            return _in_tracks_afresh(fresh, previous, free)
+            return _in_own_tracks(fresh, [], before, previous, free)
     fit = with_flux_of(
         temporal.blackened(light.with_amplitudes(outcome, whole).lobes[0]), frame, loss
     )
-    return replace(fit, lobes=_in_tracks(fit.lobes, places, previous))
+    if len(stays) == len(tracks):  # none was relocated
+        return replace(fit, lobes=_in_tracks(fit.lobes, tracks[stays], previous))
+    origin = torch.nn.functional.pad(tracks, (0, len(stays) - len(tracks)), value=-1)[stays]
+    return _in_own_tracks(fit, origin.tolist(), known, previous, free)
 
 
-def _places(
-    lobes: Lobes, stays: Tensor, places: list[int], before: Lobes, free: Tensor
-) -> list[int]:
-    """Return the tracks of lobes that stay lit; new ones, which come last, take dark tracks.
-
-    Args:
-        lobes: All of them.  [N', .]
-        stays: Which stay lit.  [N']
-        places: The tracks of those that are not new.
-        before: The tracks one frame before.  [2 N, .]
-        free: Which are free.  [2 N]
-    """
-    dark, free, found = temporal.is_dark(before), free.clone(), list(places)
-    for index in range(len(places), lobes.count):
-        own = torch.tensor([index], device=lobes.axes.device)
-        track = slots.track_for(lobes.select(own), free, dark, before)
-        free[track] = dark[track] = False
-        found.append(track)
-    return [track for track, stay in zip(found, stays.tolist(), strict=True) if stay]
-
-
-def _in_tracks(lobes: Lobes, places: list[int], previous: Lobes) -> Lobes:
+def _in_tracks(lobes: Lobes, tracks: Tensor, previous: Lobes) -> Lobes:
     """Write lobes into their tracks, the others dark where they were.  [2 N, .]."""
-    index = torch.tensor(places, device=lobes.axes.device)
-    found = _scaled(previous, 0.0).replaced(index, lobes)
+    found = _scaled(previous, 0.0).replaced(tracks, lobes)
     return align(found, previous)
 
 
-def _in_tracks_afresh(fresh: FrameFit, previous: Lobes, free: Tensor) -> FrameFit:
-    places = slots.afresh(fresh.lobes, previous, free)
-    return replace(fresh, lobes=_in_tracks(temporal.blackened(fresh.lobes), places, previous))
+def _in_own_tracks(
+    fit: FrameFit, origin: list[int], known: Lobes, previous: Lobes, free: Tensor
+) -> FrameFit:
+    """Write the lights of a frame into the tracks that they belong to (`slots.tracks_for`).
+
+    Args:
+        fit: The lobes.  [N, .]
+        origin: The track that each comes from, -1 for none; empty where none does.
+        known: The tracks, where they have come to.  [2 N, .]
+        previous: The tracks one frame before.  [2 N, .]
+        free: Which are free.  [2 N]
+    """
+    lobes = temporal.blackened(fit.lobes)
+    lit = torch.nonzero(~temporal.is_dark(lobes)).flatten()
+    origin = [origin[index] for index in lit.tolist()] if origin else [-1] * len(lit)
+    tracks = slots.tracks_for(lobes.select(lit), origin, known, free)
+    own = torch.tensor(tracks, dtype=torch.long, device=lit.device)
+    return replace(fit, lobes=_in_tracks(lobes.select(lit), own, previous))
 
 
 def stepped(
