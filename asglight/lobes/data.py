@@ -45,7 +45,7 @@ class Lobes:
 
     Examples:
         >>> tracks.at(1001)
-        <Lobes: 3 of form asg, 2 lit, float32 on cpu>
+        <Lobes: 2 of form asg, 2 lit, float32 on cpu>
 
     Attributes:
         axes: Rows axis_x, axis_y, axis_z of a right-handed orthonormal frame.  [..., N, 3, 3]
@@ -226,7 +226,7 @@ class LobeTracks:
 
     Examples:
         >>> tracks.names
-        ('lobe_00', 'lobe_01', 'lobe_02')
+        ('lobe_00', 'lobe_01')
 
     Attributes:
         frames: Frame numbers, ascending; they are the USD time codes.
