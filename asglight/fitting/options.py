@@ -37,7 +37,7 @@ class Preset(StrEnum):
     BEST = "best"
     """The same with several starts, splits and merges, and more steps: up to 30 s a first frame."""
     PAPER = "paper"
-    """Clausen et al. 2024 as published (paper.py)."""
+    """Clausen et al. 2024 as published (fitting/paper)."""
 
 
 def form_of(name: str) -> Form | None:

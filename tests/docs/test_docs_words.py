@@ -81,9 +81,18 @@ OTHERS = re.compile(r"^(scripts|code|nn_utils)/|(^|/)(even|sphere|totals)\.py$")
 """Files of other projects, and those that a worked example of docs/contributing adds."""
 
 
+def ends_of_files() -> set[str]:
+    """Return how files of the project can be named: by their paths, or by the ends of these."""
+    folders = [each for each in ROOT.iterdir() if each.is_dir() and not each.name.startswith(".")]
+    found = [ROOT / name for name in ("hatch_build.py", "README.md", "CONTRIBUTING.md")]
+    for folder in folders:
+        found += [*folder.rglob("*.py"), *folder.rglob("*.md")]
+    parts = [path.relative_to(ROOT).parts for path in found]
+    return {"/".join(each[k:]) for each in parts for k in range(len(each))}
+
+
 def test_files_that_pages_name_are_there() -> None:
-    parts = [path.relative_to(ROOT).parts for path in ROOT.glob("*/**/*.py")]
-    ends = {"/".join(each[k:]) for each in parts for k in range(len(each))}
+    ends = ends_of_files()
     named = [
         (str(page.relative_to(ROOT)), name)
         for page in ROOT.glob("docs/**/*.md")
@@ -92,6 +101,20 @@ def test_files_that_pages_name_are_there() -> None:
         if not OTHERS.search(name)
     ]
     assert len(named) > 50
+    assert not {each for each in named if each[1] not in ends}
+
+
+def test_files_that_code_names_are_there() -> None:
+    """In docstrings and comments: `(slots.py)` says where to read on."""
+    ends = ends_of_files()
+    named = {
+        (str(path.relative_to(ROOT)), name)
+        for pattern in ("asglight/**/*.py", "asglight/**/*.[ch]", "shaders/**/*.*")
+        for path in ROOT.glob(pattern)
+        for name in re.findall(r"(?<![\w/.-])[\w/-]+\.(?:py|md)\b", path.read_text())
+        if not OTHERS.search(name) and not name.startswith("sg_render")
+    }
+    assert len(named) > 150
     assert not {each for each in named if each[1] not in ends}
 
 

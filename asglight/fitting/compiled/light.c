@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * The linear part of the fit, asglight/fitting/light.py: what is asked of the light of lobes whose
+ * The linear part of the fit, fitting/steps/light.py: what is asked of the light of lobes whose
  * shapes are held.
  */
 #include "steps.h"

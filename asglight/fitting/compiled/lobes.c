@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * Lobes on adaptive cells: asglight/fitting/footprints.py and lobe_images.py for the form asg.
+ * Lobes on adaptive cells: fitting/loss/footprints.py and lobe_images.py for the form asg.
  *
  * An adaptive cell's direction is taken apart along the lobe's axes before it is squared: a lobe
  * of sharpness

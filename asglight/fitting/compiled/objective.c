@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * J of one frame, and how it changes: asglight/fitting/objective.py.
+ * J of one frame, and how it changes: fitting/loss/objective.py.
  */
 #include "steps.h"
 

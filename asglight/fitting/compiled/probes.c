@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * What materials show of images: asglight/fitting/probes.py, on images [row][column][lane].
+ * What materials show of images: fitting/loss/probes.py, on images [row][column][lane].
  *
  * Everything is symmetric: a cosine is even and a sine odd about the middle of a row, and about a
  * quarter of it one or the other by the parity of its frequency; a filter is the same seen from the

@@ -88,5 +88,5 @@ API void asglight_restore(uint32_t before) {
 #endif
 }
 
-/* What tells the sources of this library from others (library.py). */
+/* What tells the sources of this library from others (c_library.py). */
 API const char *asglight_sources(void) { return SOURCES; }

@@ -60,7 +60,7 @@ static inline vec exp_vec(vec x) {
     return p * (vec)power;
 }
 
-/* How adaptive cells of one size see a lobe (asglight/fitting/footprints.py), in the lobe's
+/* How adaptive cells of one size see a lobe (fitting/loss/footprints.py), in the lobe's
  * frame. */
 typedef struct {
     float axes[3][3];                  /* rows x, y, z */
@@ -108,7 +108,7 @@ static inline Adaptive adaptive_of(const Adaptive *all, int64_t frame) {
 
 #define SOURCES_MAX 8
 
-/* The probes on a grid (asglight/fitting/probes.py). Frequencies that a probe does not let through
+/* The probes on a grid (fitting/loss/probes.py). Frequencies that a probe does not let through
  * are left out: `waves` of them count. */
 typedef struct {
     int64_t rows, sources, waves, views;
@@ -120,7 +120,7 @@ typedef struct {
     const float *view_sine[SOURCES_MAX];
 } Probes;
 
-/* J of frames (asglight/fitting/objective.py), laid out as `Adaptive cells`. */
+/* J of frames (fitting/loss/objective.py), laid out as `Adaptive cells`. */
 typedef struct {
     const float *radiance;     /* [3][P] */
     const float *parts;        /* [K][3][C] */
@@ -148,7 +148,7 @@ typedef struct {
     const float *axes, *sharpness, *amplitude, *share, *scale;
 } Prior;
 
-/* Lobes of frames on their adaptive cells (asglight/fitting/lobe_images.py): axes [F][N][3][3],
+/* Lobes of frames on their adaptive cells (fitting/loss/lobe_images.py): axes [F][N][3][3],
  * sharpness
  * [F][N][2], amplitude [F][N][3]; values and gaussian [F][N][P], scale [F][N]. */
 typedef struct {

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every next frame: predict, pull in, step, relocate.
 
-Lobes are carried on as they moved, pulled to the lamps that they meet (tracking.py), and take
+Lobes are carried on as they moved, pulled to the lamps that they meet (pull_in.py), and take
 steps with the temporal term. A lobe may turn as far as its lamp does. Where one is needed
-elsewhere more than where it is, it is relocated (relocation.py), which makes it another light.
+elsewhere more than where it is, it is relocated (relocation.py). Which lobe is which light is said
+in the end, by what they look like (slots.py).
 """
 
 import math

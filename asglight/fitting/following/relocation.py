@@ -8,8 +8,8 @@ be lit, the lobes as they were before their steps compete as well, with a light 
 most: a lamp that is switched on pulls lobes away from what they show. A few steps of each on few
 cells tell whether J falls by enough [in the spirit of split-and-merge EM, Ueda et al. 2000].
 
-A relocated lobe is another light: it takes a track that is dark, and its own track fades where it
-was (slots.py).
+A relocated lobe is another light, unless it comes to look like one that was there (slots.py): it
+takes a track that is dark, and its own track fades where it was.
 """
 
 from dataclasses import dataclass, replace

@@ -44,7 +44,7 @@ IRRADIANCE = Bound(5e-3)
 """irr (metrics.py) of any frame: half a percent on a white ball, which no eye tells from none."""
 
 GRADIENT = Bound(1e-2)
-"""Of the gradient's length (stress_gradient.py). A texel's shape is held in the derivative while a
+"""Of the gradient's length (gradient.py). A texel's shape is held in the derivative while a
 lobe moves over it (lobe_images.py); the rest is float32."""
 
 

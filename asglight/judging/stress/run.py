@@ -30,8 +30,8 @@ from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
 
 BALLS = Bound(5e-3)
-"""Of a ball's brightest pixel: the shaders' albedo table is within 3e-3 (viewer/albedo_table.py),
-and what else they do within 1e-4."""
+"""Of a ball's brightest pixel: the shaders' albedo table is within 3e-3
+(viewer/gl/albedo_table.py), and what else they do within 1e-4."""
 
 STAGE = Bound(1e-6)
 """Sharpness and amplitude are kept as they are, frames as float32 quaternions: 1e-7 a component."""
