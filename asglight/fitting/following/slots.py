@@ -64,10 +64,9 @@ def tracks_for(lobes: Lobes, origin: list[int], known: Lobes, free: Tensor) -> l
         for light, track in enumerate(origin)
         if track >= 0 and float(likeness[light, track]) >= SAME
     }
-    for pair in likeness.flatten().argsort(descending=True, stable=True).tolist():
+    values, pairs = likeness.flatten().sort(descending=True, stable=True)
+    for pair in pairs[values >= SAME].tolist():
         light, track = divmod(pair, known.count)
-        if float(likeness[light, track]) < SAME:
-            break
         if light not in found and track not in found.values():
             found[light] = track
     taken = torch.zeros_like(dark)
