@@ -60,8 +60,7 @@ static inline vec exp_vec(vec x) {
     return p * (vec)power;
 }
 
-/* How adaptive cells of one size see a lobe (fitting/loss/footprints.py), in the lobe's
- * frame. */
+/* How adaptive cells of one size see a lobe (fitting/loss/footprints.py), in the lobe's frame. */
 typedef struct {
     float axes[3][3];                  /* rows x, y, z */
     float xx, xy, yy, log_peak;        /* S', log c */
@@ -148,8 +147,7 @@ typedef struct {
     const float *axes, *sharpness, *amplitude, *share, *scale;
 } Prior;
 
-/* Lobes of frames on their adaptive cells (fitting/loss/lobe_images.py): axes [F][N][3][3],
- * sharpness
+/* Lobes of frames on their adaptive cells (fitting/loss/lobe_images.py): axes [F][N][3][3], sharpness
  * [F][N][2], amplitude [F][N][3]; values and gaussian [F][N][P], scale [F][N]. */
 typedef struct {
     float *axes, *sharpness, *amplitude, *values, *gaussian, *scale;

@@ -117,7 +117,7 @@ def fit_next_frame(
     free = slots.free_tracks(previous, earlier)
     if float(previous.amplitude.max()) <= 0:
         fresh = fit_first_frame(reference, count, previous.form, threads=threads)
-        return _in_own_tracks(fresh, [], previous, previous, free)
+        return _in_own_tracks(fresh, [-1] * fresh.lobes.count, previous, previous, free)
     before = _scaled(previous, 1 / _within_reach(frame.exposure, previous))
     tracks = torch.nonzero(~temporal.is_dark(before)).flatten()
     whole = objective.target(frame.radiance)
@@ -144,12 +144,13 @@ def fit_next_frame(
     if loss > settings.afresh_loss and unlike > CHANGED * loss:
         fresh = fit_first_frame(reference, count, previous.form, threads=threads)
         if fresh.loss < AFRESH_GAIN * loss:
-            return _in_own_tracks(fresh, [], before, previous, free)
+            return _in_own_tracks(fresh, [-1] * fresh.lobes.count, before, previous, free)
     fit = with_flux_of(
         temporal.blackened(light.with_amplitudes(outcome, whole).lobes[0]), frame, loss
     )
     if len(stays) == len(tracks):  # none was relocated
         return replace(fit, lobes=_in_tracks(fit.lobes, tracks[stays], previous))
+    # new lobes come last, from no track
     origin = torch.nn.functional.pad(tracks, (0, len(stays) - len(tracks)), value=-1)[stays]
     return _in_own_tracks(fit, origin.tolist(), known, previous, free)
 
@@ -167,14 +168,14 @@ def _in_own_tracks(
 
     Args:
         fit: The lobes.  [N, .]
-        origin: The track that each comes from, -1 for none; empty where none does.
+        origin: The track that each comes from; -1 for none.  N
         known: The tracks, where they have come to.  [2 N, .]
         previous: The tracks one frame before.  [2 N, .]
         free: Which are free.  [2 N]
     """
     lobes = temporal.blackened(fit.lobes)
     lit = torch.nonzero(~temporal.is_dark(lobes)).flatten()
-    origin = [origin[index] for index in lit.tolist()] if origin else [-1] * len(lit)
+    origin = [origin[index] for index in lit.tolist()]
     tracks = slots.tracks_for(lobes.select(lit), origin, known, free)
     own = torch.tensor(tracks, dtype=torch.long, device=lit.device)
     return replace(fit, lobes=_in_tracks(lobes.select(lit), own, previous))
