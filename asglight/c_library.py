@@ -21,7 +21,7 @@ LIBRARIES = {"fitting/compiled": "steps.so", "images/compiled": "reduction.so"}
 X86 = ("x86_64", "AMD64")
 
 FLAGS = (
-    *("-std=c11", "-O3", "-shared", "-fPIC", "-fvisibility=hidden"),
+    *("-std=c11", "-O3", "-shared", "-fPIC", "-fvisibility=hidden", "-pthread"),
     # no result depends on errno or on which of two floating point exceptions comes first
     *("-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"),
 )

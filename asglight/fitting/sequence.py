@@ -48,8 +48,9 @@ def fit_frame(
 ) -> FrameFit:
     """Fit one frame.
 
-    Every step is computed on one thread, so that its bits are the same everywhere; starts of a fit
-    from nothing run side by side on as many as torch may use (OMP_NUM_THREADS).
+    Every step of a frame is computed on one thread, so that its bits are the same everywhere;
+    starts of a fit from nothing, and trials, run side by side on as many as torch may use
+    (OMP_NUM_THREADS).
 
     Args:
         reference: Repaired radiance.  [H, W, 3]

@@ -23,6 +23,7 @@ from asglight.fitting.compiled import layout
 from asglight.fitting.compiled.layout import Adaptive, Probes, Target
 from asglight.fitting.loss.grid import Grid
 from asglight.lobes import Form, Lobes
+from asglight.threads import threads_there
 
 if TYPE_CHECKING:
     from asglight.fitting.first_frame.seeding import Cells
@@ -72,8 +73,8 @@ def load() -> ctypes.CDLL | None:
         return None
     if library.asglight_sources() != fingerprint(path.parent).encode():
         return None
-    library.asglight_flush.restype = c_uint32
-    library.asglight_restore.argtypes, library.asglight_restore.restype = [c_uint32], None
+    library.asglight_begin.argtypes, library.asglight_begin.restype = [c_int64], c_uint32
+    library.asglight_end.argtypes, library.asglight_end.restype = [c_uint32], None
     for name, numbers, addresses in FUNCTIONS:
         function = getattr(library, name)
         function.argtypes = [*[c_int64] * numbers, *[c_void_p] * addresses]
@@ -342,9 +343,9 @@ def _call(name: str, *arguments: Any) -> None:
         for each in arguments
     ]
     assert LIBRARY is not None
-    before = LIBRARY.asglight_flush()
+    before = LIBRARY.asglight_begin(threads_there())
     getattr(LIBRARY, name)(*given)
-    LIBRARY.asglight_restore(before)
+    LIBRARY.asglight_end(before)
 
 
 def _contiguous(*tensors: Tensor) -> list[Tensor]:

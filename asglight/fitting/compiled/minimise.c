@@ -17,12 +17,20 @@ typedef struct {
     float value;
 } State;
 
+/* All that is needed in a step, and not after it. */
+typedef struct {
+    float *slope, *env_weight, *view_weight, *of_scale;
+    double *curvature, *temporal_slope, *step;
+} Work;
+
 /* What a frame has for itself. */
 typedef struct {
     State now, tried;
     State kept, spare; /* their memory; the first `now` has that of the caller */
-    double *hessian, *gradient;
-    int known; /* whether these are of `now` */
+    double *hessian, *gradient, *damping;
+    int known; /* whether hessian and gradient are of `now` */
+    int ended; /* whether no further step is asked for */
+    Work work;
     Adaptive adaptive;
     Target target;
 } Frame;
@@ -31,11 +39,12 @@ typedef struct {
     int64_t lobes, cells, adaptive, texels, views, parts;
 } Counts;
 
-/* All that is needed in a step, and not after it. */
+/* What the frames have in common. */
 typedef struct {
-    float *slope, *env_weight, *view_weight, *of_scale;
-    double *curvature, *temporal_slope, *step;
-} Work;
+    Frame *frames;
+    const Steps *given;
+    Counts counts;
+} Call;
 
 /* Memory that stays for the next call, or that is of this call alone: who is called after a step may
  * take steps. */
@@ -82,20 +91,20 @@ static void copy_lit(const State *from, const State *to, Counts counts) {
 
 /* The temporal term of a frame towards one neighbour; curvature and slope in `work`. */
 static float temporal_term(const State *state, const Prior *prior, float corner, int64_t lobes,
-                           int64_t frame, Work work) {
+                           int64_t frame, const Work *work) {
     int64_t first = frame * lobes;
     float value;
     asglight_temporal(1, lobes, state->axes, state->sharpness, state->amplitude,
                       prior->axes + 9 * first, prior->sharpness + 2 * first,
                       prior->amplitude + 3 * first, prior->share + first,
-                      prior->scale + UNKNOWNS * first, &corner, &value, work.curvature,
-                      work.temporal_slope);
+                      prior->scale + UNKNOWNS * first, &corner, &value, work->curvature,
+                      work->temporal_slope);
     return value;
 }
 
 /* newton._judged, of lobes whose images are known. */
-static void judge(State *state, const Frame *own, const Steps *given, Counts counts, int64_t frame,
-                  Work work) {
+static void judge(State *state, const Frame *own, const Steps *given, Counts counts,
+                  int64_t frame) {
     add_up(counts.lobes, counts.adaptive, state->amplitude, state->values, state->scale,
            state->radiance);
     asglight_loss_terms(1, &own->adaptive, &own->target, given->probes, state->radiance,
@@ -103,12 +112,13 @@ static void judge(State *state, const Frame *own, const Steps *given, Counts cou
                    state->parts, state->texels, state->views, state->seen);
     for (int64_t k = 0; k < given->prior_count; k++)
         state->value += temporal_term(state, given->priors + k, given->temporal_corner,
-                                      counts.lobes, frame, work);
+                                      counts.lobes, frame, &own->work);
 }
 
 /* newton._equations. */
-static void set_up(const Frame *own, const Steps *given, Counts counts, int64_t frame, Work work) {
+static void set_up(const Frame *own, const Steps *given, Counts counts, int64_t frame) {
     const State *now = &own->now;
+    Work work = own->work;
     int64_t size = UNKNOWNS * counts.lobes;
     asglight_loss_gradient(1, &own->adaptive, &own->target, given->probes, now->radiance,
                            now->parts,
@@ -120,7 +130,7 @@ static void set_up(const Frame *own, const Steps *given, Counts counts, int64_t 
                     work.of_scale, &own->adaptive, given->cell_probes, given->cell_places,
                     given->cell_share, work.env_weight, work.view_weight, own->hessian);
     for (int64_t k = 0; k < given->prior_count; k++) {
-        temporal_term(now, given->priors + k, given->temporal_corner, counts.lobes, frame, work);
+        temporal_term(now, given->priors + k, given->temporal_corner, counts.lobes, frame, &work);
         for (int64_t i = 0; i < size; i++) {
             own->hessian[i * size + i] += work.curvature[i];
             own->gradient[i] += work.temporal_slope[i];
@@ -129,17 +139,17 @@ static void set_up(const Frame *own, const Steps *given, Counts counts, int64_t 
 }
 
 /* newton._tried: into `tried`. */
-static void try_step(Frame *own, const Steps *given, Counts counts, int64_t frame,
-                     const double *damping, Work work) {
+static void try_step(Frame *own, const Steps *given, Counts counts, int64_t frame) {
     State *now = &own->now, *tried = &own->tried;
     int64_t first = frame * counts.lobes;
     asglight_solve(1, counts.lobes, own->hessian, own->gradient, now->sharpness, now->amplitude,
-                   damping, given->still ? given->still + first : 0, given->bounds + 3, work.step);
-    asglight_advance(counts.lobes, now->axes, now->sharpness, now->amplitude, work.step,
+                   own->damping, given->still ? given->still + first : 0, given->bounds + 3,
+                   own->work.step);
+    asglight_advance(counts.lobes, now->axes, now->sharpness, now->amplitude, own->work.step,
                      given->bounds, tried->axes, tried->sharpness, tried->amplitude);
     asglight_images(1, counts.lobes, tried->axes, tried->sharpness, &own->adaptive, tried->values,
                     tried->gaussian, tried->scale);
-    judge(tried, own, given, counts, frame, work);
+    judge(tried, own, given, counts, frame);
 }
 
 static void take_step(Frame *own) {
@@ -184,6 +194,39 @@ static int64_t work_size(Counts counts) {
     return 4 * counts.adaptive + counts.views + 5 * counts.lobes + 4 * LANE;
 }
 
+static void lay_work(Work *work, Counts counts, float **memory, double **doubles) {
+    int64_t size = UNKNOWNS * counts.lobes;
+    work->slope = take(memory, 3 * counts.adaptive);
+    work->env_weight = take(memory, counts.adaptive);
+    work->view_weight = take(memory, counts.views);
+    work->of_scale = take(memory, 5 * counts.lobes);
+    work->curvature = take_doubles(doubles, size);
+    work->temporal_slope = take_doubles(doubles, size);
+    work->step = take_doubles(doubles, size);
+}
+
+static void begin_frame(void *context, int frame) {
+    const Call *call = context;
+    Frame *own = call->frames + frame;
+    judge(&own->now, own, call->given, call->counts, frame);
+}
+
+static void step_frame(void *context, int frame) {
+    const Call *call = context;
+    const Steps *given = call->given;
+    Frame *own = call->frames + frame;
+    if (!own->known) set_up(own, given, call->counts, frame);
+    own->known = 1;
+    try_step(own, given, call->counts, frame);
+    float before = own->now.value, after = own->tried.value;
+    int better = after < before;
+    if (better) take_step(own);
+    *own->damping = better ? fmax(given->damping_down * *own->damping, given->damping_min)
+                           : fmin(given->damping_up * *own->damping, given->damping_max);
+    int finished = better && before - after < given->tolerance * before;
+    own->ended = finished || *own->damping >= given->damping_max;
+}
+
 /* newton.minimise: `given` lobes [F][N] and their images, damping [F] and `found` as `given`, value
  * [F]. `damping` is overwritten. `report`, if any, is called after each step with `found` as it is
  * then, and ends the steps by returning other than 0. */
@@ -196,16 +239,13 @@ API void asglight_minimise(int64_t frames, int64_t lobes, int64_t steps, const S
     counts.adaptive = counts.cells + counts.texels;
     int64_t size = UNKNOWNS * lobes;
     int64_t frame_size = (sizeof(Frame) + sizeof(float) - 1) / sizeof(float) + LANE;
-    int64_t memory_size = frames * (state_size(counts) + frame_size) + work_size(counts);
-    int64_t doubles_size = 2 * (frames * size * (size + 1) + 3 * size);
+    int64_t memory_size = frames * (state_size(counts) + work_size(counts) + frame_size);
+    int64_t doubles_size = 2 * frames * size * (size + 4);
     float *whole = room(STATES, memory_size, !!report), *memory = whole;
     float *equations = room(EQUATIONS, doubles_size, !!report);
     double *doubles = (double *)equations;
     Frame *all = (Frame *)take(&memory, frames * frame_size);
-    Work work = {take(&memory, 3 * counts.adaptive), take(&memory, counts.adaptive),
-                 take(&memory, counts.views), take(&memory, 5 * lobes),
-                 take_doubles(&doubles, size), take_doubles(&doubles, size),
-                 take_doubles(&doubles, size)};
+    Call call = {all, given, counts};
     for (int64_t f = 0; f < frames; f++) {
         Frame *own = all + f;
         *own = (Frame){.adaptive = adaptive_of(adaptive, f), .target = target_of(given->target, f)};
@@ -213,31 +253,22 @@ API void asglight_minimise(int64_t frames, int64_t lobes, int64_t steps, const S
         lay_sizes(&own->kept, counts, &memory);
         lay_images(&own->spare, counts, &memory);
         lay_sizes(&own->spare, counts, &memory);
+        lay_work(&own->work, counts, &memory, &doubles);
         own->hessian = take_doubles(&doubles, size * size);
         own->gradient = take_doubles(&doubles, size);
+        own->damping = damping + f;
         State lit = at_frame(*start, counts, f);
         own->now = own->spare;
         own->now.axes = lit.axes, own->now.sharpness = lit.sharpness;
         own->now.amplitude = lit.amplitude, own->now.scale = lit.scale;
         own->now.values = lit.values, own->now.gaussian = lit.gaussian;
         own->tried = own->kept;
-        judge(&own->now, own, given, counts, f, work);
     }
+    side_by_side(frames, begin_frame, &call);
     for (int64_t step = 0; step < steps; step++) {
         int ended = 1;
-        for (int64_t f = 0; f < frames; f++) {
-            Frame *own = all + f;
-            if (!own->known) set_up(own, given, counts, f, work);
-            own->known = 1;
-            try_step(own, given, counts, f, damping + f, work);
-            float before = own->now.value, after = own->tried.value;
-            int better = after < before;
-            if (better) take_step(own);
-            damping[f] = better ? fmax(given->damping_down * damping[f], given->damping_min)
-                                : fmin(given->damping_up * damping[f], given->damping_max);
-            int finished = better && before - after < given->tolerance * before;
-            ended &= finished || damping[f] >= given->damping_max;
-        }
+        side_by_side(frames, step_frame, &call);
+        for (int64_t f = 0; f < frames; f++) ended &= all[f].ended;
         if (report) {
             for (int64_t f = 0; f < frames; f++) hand_over(all + f, counts);
             ended |= report();

@@ -6,9 +6,6 @@
 #include "steps.h"
 
 #include <stdlib.h>
-#if defined(__SSE2__)
-#include <xmmintrin.h>
-#endif
 
 #define GRAM_ROWS 12
 
@@ -66,26 +63,6 @@ float *scratch(int which, long floats) {
         if (!arena[which]) abort();
     }
     return arena[which];
-}
-
-/* From here on, numbers of this thread below the smallest normal one are 0: tails of lobes are full
- * of them, and Intel's processors are slow with them. Returns what `asglight_restore` takes. */
-API uint32_t asglight_flush(void) {
-#if defined(__SSE2__)
-    uint32_t before = _mm_getcsr();
-    _mm_setcsr(before | 0x8040); /* results (bit 15) and what is read (bit 6) */
-    return before;
-#else
-    return 0;
-#endif
-}
-
-API void asglight_restore(uint32_t before) {
-#if defined(__SSE2__)
-    _mm_setcsr(before);
-#else
-    (void)before;
-#endif
 }
 
 /* What tells the sources of this library from others (c_library.py). */

@@ -170,6 +170,12 @@ typedef struct {
     float tolerance, temporal_corner;
 } Steps;
 
+/* team.c */
+typedef void (*Task)(void *context, int part);
+void side_by_side(int parts, Task work, void *context);
+API uint32_t asglight_begin(int64_t threads_most);
+API void asglight_end(uint32_t before);
+
 /* product.c */
 void product(int m, int n, int k, const float *a, long row, long column, const float *b, long ldb,
              float *c, long ldc, int add);

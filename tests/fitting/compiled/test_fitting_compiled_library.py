@@ -85,9 +85,9 @@ def test_numbers_below_the_smallest_normal_one_are_zero_in_calls_only() -> None:
     assert compiled.LIBRARY is not None
     small = torch.full((8,), 1e-39)
     assert (small * 0.5 > 0).all()
-    before = compiled.LIBRARY.asglight_flush()
+    before = compiled.LIBRARY.asglight_begin(1)
     within = small * 0.5, small * 1e10
-    compiled.LIBRARY.asglight_restore(before)
+    compiled.LIBRARY.asglight_end(before)
     assert all((each == 0).all() for each in within)
     lobe_images.images(alike(Form.ASG), plain_cells(32))
     assert (small * 0.5 > 0).all()

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames of one call on several threads: the same bits, from any thread and in a copied process."""
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+import torch
+from lobe_cases import alike, noise, target
+from torch import Tensor
+
+from asglight.fitting import compiled
+from asglight.fitting.steps import newton
+from asglight.lobes import Form, Lobes
+
+pytestmark = pytest.mark.skipif(compiled.LIBRARY is None, reason="there is no C compiler")
+
+FRAMES = 7
+
+
+@pytest.fixture(autouse=True)
+def threads() -> Iterator[None]:
+    """Give back how many threads there were."""
+    before = torch.get_num_threads()
+    yield
+    torch.set_num_threads(before)
+
+
+def _ends(threads: int, on_step: Callable[[Lobes], None] | None = None) -> list[Tensor]:
+    """Return what five steps on so many threads come to."""
+    torch.set_num_threads(threads)
+    lobes, frame = alike(Form.ASG, 5, tuple(range(FRAMES))), target(noise(64, FRAMES), 32, 4)
+    found = newton.minimise(lobes, frame, 5, tolerance=0.0, on_step=on_step)
+    return [found.value, found.damping, found.lobes.axes, found.lobes.amplitude]
+
+
+def _is_same(found: list[Tensor], other: list[Tensor]) -> bool:
+    return all(map(torch.equal, found, other))
+
+
+@pytest.mark.parametrize("threads", [2, 3, 64])
+def test_the_number_of_threads_changes_no_bit(threads: int) -> None:
+    alone = _ends(1)
+    for _ in range(20):
+        assert _is_same(_ends(threads), alone)
+    assert _is_same(_ends(threads, on_step=lambda _: None), alone)
+
+
+def _helpers() -> int:
+    names = [task / "comm" for task in Path("/proc/self/task").iterdir()]
+    return sum(name.read_text().strip() == "asglight-step" for name in names)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="the system lists no threads")
+def test_helpers_are_named_and_three_at_most_and_stay() -> None:
+    for _ in range(5):  # each call starts one at most
+        _ends(64)
+    assert _helpers() == 3
+    _ends(1)
+    assert _helpers() == 3
+
+
+def test_calls_from_several_threads_share_the_helpers() -> None:
+    alone = _ends(1)
+    torch.set_num_threads(3)
+    together = threading.Barrier(4, timeout=60)
+
+    def call(_: int) -> bool:
+        together.wait()
+        return all(_is_same(_ends(3), alone) for _ in range(10))
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(call, range(4)))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not copied on this system")
+def test_a_copied_process_takes_steps_without_the_helpers_of_the_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    alone = _ends(1)
+    monkeypatch.setattr(compiled, "threads_there", lambda: 2)  # of torch one: a copy has no others
+    assert _is_same(_ends(1), alone)
+    copied = multiprocessing.get_context("fork")
+    queue = copied.SimpleQueue()
+    process = copied.Process(target=lambda: queue.put(_is_same(_ends(1), alone)))
+    process.start()
+    process.join(60)
+    assert process.exitcode == 0
+    assert queue.get()
