@@ -41,7 +41,9 @@ class Refinement:
         steps: Of each frame in a sweep.
         corners: phi's corners.
         gamma: Weight of the temporal term towards each neighbour: several times that towards the
-            frame before, which does not know where the lobes go.
+            frame before, which does not know where the lobes go. With 0.02 light half-way between
+            every second frame of `handheld` is 5 % worse than that of the fits dissolved, with
+            0.05 and 0.1 it is 2 %; at the frames 0.05 costs 1 to 2 % of r0.5, 0.1 costs 3 %.
         rise: A frame stays as it was whose J, or what materials show of it, would grow by more than
             this share.
     """
@@ -49,7 +51,7 @@ class Refinement:
     sweeps: int = 2
     steps: int = 6
     corners: Corners = Corners(0.1, 0.005)  # noqa: RUF009  frozen
-    gamma: float = 0.02
+    gamma: float = 0.05
     rise: float = 0.1
 
 
