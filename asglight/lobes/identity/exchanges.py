@@ -68,35 +68,44 @@ class _End(NamedTuple):
     width: Vector
 
 
-def exchange_prices(
-    shot: Shot, frame: int, others: Sequence[int], place: int, kept: Sequence[int]
-) -> list[float]:
-    """Return what it costs to exchange a track with each of others after a frame.
+class Exchanges:
+    """What it costs two tracks to exchange their frames after one frame, in which a lamp moves on.
 
     A track that is dark in one frame alone waits where it was, and its way from there counts by
     half, as its light does; one that is dark for longer begins its path where it is needed.
-
-    Args:
-        shot: The shot.
-        frame: The frame.
-        others: The others.  K
-        place: The track.
-        kept: Tracks of the lamp that are lit in both frames, which say how it moves.
-
-    Returns:
-        K prices.
     """
-    start, end = (_middle(shot, at, kept) for at in (frame, frame + 1))
-    own_before = _turned(_end(shot, frame, -1, place), start, end)
-    own_after = _end(shot, frame + 1, 1, place)
-    own_way = _way(own_before, own_after)
-    prices = []
-    for other in others:
-        before = _turned(_end(shot, frame, -1, other), start, end)
-        after = _end(shot, frame + 1, 1, other)
-        exchanged = _way(own_before, after) + _way(before, own_after)
-        prices.append(exchanged - own_way - _way(before, after))
-    return prices
+
+    def __init__(self, shot: Shot, frame: int, kept: Sequence[int]) -> None:
+        """Look at how the lamp moves.
+
+        Args:
+            shot: The shot.
+            frame: The frame.
+            kept: Tracks of the lamp that are lit in both frames.
+        """
+        self._shot, self._frame = shot, frame
+        self._motion = [_middle(shot, at, kept) for at in (frame, frame + 1)]
+        self._ends: dict[int, tuple[_End, _End]] = {}
+        self._ways: dict[tuple[int, int], float] = {}
+
+    def price(self, one: int, other: int) -> float:
+        """Return how much farther both have to go than without an exchange."""
+        exchanged = self._way(one, other) + self._way(other, one)
+        return exchanged - self._way(one, one) - self._way(other, other)
+
+    def _way(self, before: int, after: int) -> float:
+        """Return the way from where one track is to where another is in the next frame."""
+        pair = before, after
+        if pair not in self._ways:
+            self._ways[pair] = _way(self._both(before)[0], self._both(after)[1])
+        return self._ways[pair]
+
+    def _both(self, track: int) -> tuple[_End, _End]:
+        """Return where a track would be if it moved on with the lamp, and where it is then."""
+        if track not in self._ends:
+            before = _turned(_end(self._shot, self._frame, -1, track), *self._motion)
+            self._ends[track] = before, _end(self._shot, self._frame + 1, 1, track)
+        return self._ends[track]
 
 
 def _end(shot: Shot, frame: int, step: int, track: int) -> _End:

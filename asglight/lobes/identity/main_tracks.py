@@ -27,7 +27,7 @@ import torch
 
 from asglight.lobes import asg
 from asglight.lobes.data import Lobes
-from asglight.lobes.identity.exchanges import Shot, dot, exchange_prices
+from asglight.lobes.identity.exchanges import Exchanges, Shot, dot
 from asglight.lobes.identity.lamps import lamps, variance
 from asglight.lobes.motion import exact
 
@@ -102,8 +102,9 @@ def _path(shot: Shot, first: int, track: int) -> list[int]:
     for frame in range(first, len(shot.lit) - 1):
         came: dict[int, int] = {}
         reached: dict[int, tuple[float, int]] = {}
+        of_lamps: dict[int, Exchanges] = {}
         for place, (value, kept) in best.items():
-            for onward, price in _onward(shot, frame, place):
+            for onward, price in _onward(shot, frame, place, of_lamps):
                 lobe = shot.order[frame + 1][onward]
                 counts = shot.within[frame + 1][lobe] and not shot.is_led(frame + 1, lobe)
                 total = value + float(counts) - price, kept - (onward != place)
@@ -120,8 +121,17 @@ def _path(shot: Shot, first: int, track: int) -> list[int]:
     return path[::-1]
 
 
-def _onward(shot: Shot, frame: int, place: int) -> list[tuple[int, float]]:
-    """Return the places that a main track may have in the next frame, and their prices."""
+def _onward(
+    shot: Shot, frame: int, place: int, of_lamps: dict[int, Exchanges]
+) -> list[tuple[int, float]]:
+    """Return the places that a main track may have in the next frame, and their prices.
+
+    Args:
+        shot: The shot.
+        frame: The frame.
+        place: The place there.
+        of_lamps: Takes what is found out for each lamp of the frame.
+    """
     lobe, after = shot.lobe(frame, place), shot.lobe(frame + 1, place)
     assert lobe is not None  # a path has light
     found = [] if after is None else [(place, 0.0)]
@@ -141,13 +151,10 @@ def _onward(shot: Shot, frame: int, place: int) -> list[tuple[int, float]]:
     free = sorted([*mates, *dark])
     for onward_lamp in {lamp_then[then[track]] for track in own} - shot.led[frame + 1]:
         others = [one for one in free if lamp_then[then[one]] == onward_lamp and one != place]
-        if others:
-            prices = exchange_prices(shot, frame, others, place, kept)
-            found += [
-                (other, max(price, 0.0))
-                for other, price in zip(others, prices, strict=True)
-                if price <= PRICE_MAX
-            ]
+        if others and lamp not in of_lamps:
+            of_lamps[lamp] = Exchanges(shot, frame, kept)
+        prices = [(other, of_lamps[lamp].price(place, other)) for other in others]
+        found += [(other, max(price, 0.0)) for other, price in prices if price <= PRICE_MAX]
     return found
 
 
