@@ -31,6 +31,22 @@ def threads_there() -> int:
     return max(_SPARED.get(), torch.get_num_threads())
 
 
+@contextlib.contextmanager
+def frames_on(threads: int) -> Iterator[None]:
+    """Let compiled steps of several frames run side by side on so many threads (team.c)."""
+    before = _OF_FRAMES.set(threads)
+    try:
+        yield
+    finally:
+        _OF_FRAMES.reset(before)
+
+
+def frame_threads() -> int:
+    """Return on how many threads frames may take compiled steps; 1 outside `frames_on`."""
+    return _OF_FRAMES.get()
+
+
+_OF_FRAMES: ContextVar[int] = ContextVar("of_frames", default=1)
 _SPARED: ContextVar[int] = ContextVar("spared", default=1)
 
 

@@ -9,7 +9,15 @@ from functools import partial
 import pytest
 import torch
 
-from asglight.threads import beside, once, one_thread, side_by_side, threads_there
+from asglight.threads import (
+    beside,
+    frame_threads,
+    frames_on,
+    once,
+    one_thread,
+    side_by_side,
+    threads_there,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -36,6 +44,14 @@ def test_threads_that_are_spared_are_there_for_work_side_by_side() -> None:
     torch.set_num_threads(2)
     assert threads_there() == 2
     torch.set_num_threads(4)
+
+
+def test_frames_are_on_one_thread_but_where_more_are_allowed() -> None:
+    with frames_on(3):
+        assert frame_threads() == 3
+        with one_thread(), beside([frame_threads]) as answers:
+            assert list(answers()) == [1]  # not on the threads of others
+    assert frame_threads() == 1
 
 
 def test_calls_side_by_side_are_answered_in_their_order() -> None:

@@ -18,7 +18,7 @@ from asglight.fitting.paper import fit as paper
 from asglight.fitting.paper import losses as paper_losses
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import canonical
-from asglight.threads import one_thread
+from asglight.threads import frames_on, one_thread
 
 _FIRST_FRAME = {
     Preset.LIVE: first_frame.FAST,
@@ -62,7 +62,8 @@ def fit_frame(
     if options.preset is Preset.PAPER:
         return _paper_frame(reference, options, previous, on_step)
     threads = torch.get_num_threads()
-    with one_thread(), torch.inference_mode():  # no record for derivatives: 7 % of a live frame
+    # no record for derivatives: 7 % of a live frame
+    with one_thread(), frames_on(threads), torch.inference_mode():
         if previous is None:
             form = options.form
             if form is None and options.preset is Preset.LIVE:

@@ -23,7 +23,7 @@ from asglight.fitting.compiled import layout
 from asglight.fitting.compiled.layout import Adaptive, Probes, Target
 from asglight.fitting.loss.grid import Grid
 from asglight.lobes import Form, Lobes
-from asglight.threads import threads_there
+from asglight.threads import frame_threads
 
 if TYPE_CHECKING:
     from asglight.fitting.first_frame.seeding import Cells
@@ -343,7 +343,7 @@ def _call(name: str, *arguments: Any) -> None:
         for each in arguments
     ]
     assert LIBRARY is not None
-    before = LIBRARY.asglight_begin(threads_there())
+    before = LIBRARY.asglight_begin(frame_threads())
     getattr(LIBRARY, name)(*given)
     LIBRARY.asglight_end(before)
 

@@ -24,7 +24,7 @@ from asglight.fitting.stills.splitting import split_and_merge_each
 from asglight.fitting.stills.starting import seeds_of_each
 from asglight.lobes import Form, Lobes
 from asglight.lobes.frames import canonical
-from asglight.threads import one_thread
+from asglight.threads import frames_on, one_thread
 
 AT_ONCE = 128
 """Maps side by side: by estimate enough that a step computes for longer than it takes to start, and
@@ -90,7 +90,8 @@ def fit_stills(
     if len(sizes) > 1:
         raise ValueError(f"references: of sizes {sorted(sizes)}; expected one size")
     found: list[FrameFit] = []
-    with one_thread(), torch.inference_mode():
+    threads = torch.get_num_threads()
+    with one_thread(), frames_on(threads), torch.inference_mode():
         for first in range(0, len(references), at_once):
             maps = [each.to(device) for each in references[first : first + at_once]]
             found.extend(_some(maps, count, form))

@@ -4,7 +4,7 @@
 import multiprocessing
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -14,27 +14,22 @@ from lobe_cases import alike, noise, target
 from torch import Tensor
 
 from asglight.fitting import compiled
+from asglight.fitting.options import FitOptions, Preset
+from asglight.fitting.sequence import fit_frame
 from asglight.fitting.steps import newton
 from asglight.lobes import Form, Lobes
+from asglight.threads import frames_on, one_thread
 
 pytestmark = pytest.mark.skipif(compiled.LIBRARY is None, reason="there is no C compiler")
 
 FRAMES = 7
 
 
-@pytest.fixture(autouse=True)
-def threads() -> Iterator[None]:
-    """Give back how many threads there were."""
-    before = torch.get_num_threads()
-    yield
-    torch.set_num_threads(before)
-
-
 def _ends(threads: int, on_step: Callable[[Lobes], None] | None = None) -> list[Tensor]:
     """Return what five steps on so many threads come to."""
-    torch.set_num_threads(threads)
     lobes, frame = alike(Form.ASG, 5, tuple(range(FRAMES))), target(noise(64, FRAMES), 32, 4)
-    found = newton.minimise(lobes, frame, 5, tolerance=0.0, on_step=on_step)
+    with frames_on(threads):
+        found = newton.minimise(lobes, frame, 5, tolerance=0.0, on_step=on_step)
     return [found.value, found.damping, found.lobes.axes, found.lobes.amplitude]
 
 
@@ -66,7 +61,6 @@ def test_helpers_are_named_and_three_at_most_and_stay() -> None:
 
 def test_calls_from_several_threads_share_the_helpers() -> None:
     alone = _ends(1)
-    torch.set_num_threads(3)
     together = threading.Barrier(4, timeout=60)
 
     def call(_: int) -> bool:
@@ -78,16 +72,33 @@ def test_calls_from_several_threads_share_the_helpers() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not copied on this system")
-def test_a_copied_process_takes_steps_without_the_helpers_of_the_first(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_copied_process_takes_steps_without_the_helpers_of_the_first() -> None:
     alone = _ends(1)
-    monkeypatch.setattr(compiled, "threads_there", lambda: 2)  # of torch one: a copy has no others
-    assert _is_same(_ends(1), alone)
+    assert _is_same(_ends(2), alone)
     copied = multiprocessing.get_context("fork")
     queue = copied.SimpleQueue()
-    process = copied.Process(target=lambda: queue.put(_is_same(_ends(1), alone)))
+    process = copied.Process(target=lambda: queue.put(_is_same(_ends(2), alone)))
     process.start()
     process.join(60)
     assert process.exitcode == 0
     assert queue.get()
+
+
+def test_a_fit_takes_as_many_threads_as_torch_may_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[int] = []
+    real = compiled.frame_threads
+    monkeypatch.setattr(compiled, "frame_threads", lambda: seen.append(real()) or real())
+    sky = torch.rand(16, 32, 3, generator=torch.Generator().manual_seed(0))
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        lobes = fit_frame(sky, FitOptions(4, Preset.LIVE), None).lobes
+        seen.clear()
+        fit_frame(sky.flip(1), FitOptions(4, Preset.LIVE), lobes)
+        assert set(seen) == {2}
+        with one_thread():  # as who measures
+            seen.clear()
+            fit_frame(sky.flip(1), FitOptions(4, Preset.LIVE), lobes)
+            assert set(seen) == {1}
+    finally:
+        torch.set_num_threads(before)
