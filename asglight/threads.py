@@ -33,7 +33,7 @@ def threads_there() -> int:
 
 @contextlib.contextmanager
 def frames_on(threads: int) -> Iterator[None]:
-    """Let compiled steps of several frames run side by side on so many threads (team.c)."""
+    """Let compiled steps of several frames run side by side on so many threads (thread_pool.c)."""
     before = _OF_FRAMES.set(threads)
     try:
         yield

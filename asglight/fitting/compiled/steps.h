@@ -170,7 +170,7 @@ typedef struct {
     float tolerance, temporal_corner;
 } Steps;
 
-/* team.c */
+/* thread_pool.c */
 typedef void (*Task)(void *context, int part);
 void side_by_side(int parts, Task work, void *context);
 API uint32_t asglight_begin(int64_t threads_most);

@@ -42,8 +42,9 @@ class Refinement:
         corners: phi's corners.
         gamma: Weight of the temporal term towards each neighbour: several times that towards the
             frame before, which does not know where the lobes go. With 0.02 light half-way between
-            every second frame of `handheld` is 5 % worse than that of the fits dissolved, with
-            0.05 and 0.1 it is 2 %; at the frames 0.05 costs 1 to 2 % of r0.5, 0.1 costs 3 %.
+            every second frame of `handheld`, fitted with `best`, is 5 % worse than that of the
+            fits dissolved, with 0.05 and 0.1 it is 2 %, in the mean of both halves of the frames,
+            forward and backward; at the frames 0.05 costs 1 to 2 % of r0.5, 0.1 costs 3 %.
         rise: A frame stays as it was whose J, or what materials show of it, would grow by more than
             this share.
     """

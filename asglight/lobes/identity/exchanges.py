@@ -90,10 +90,10 @@ class Exchanges:
 
     def price(self, one: int, other: int) -> float:
         """Return how much farther both have to go than without an exchange."""
-        exchanged = self._way(one, other) + self._way(other, one)
-        return exchanged - self._way(one, one) - self._way(other, other)
+        exchanged = self._from_to(one, other) + self._from_to(other, one)
+        return exchanged - self._from_to(one, one) - self._from_to(other, other)
 
-    def _way(self, before: int, after: int) -> float:
+    def _from_to(self, before: int, after: int) -> float:
         """Return the way from where one track is to where another is in the next frame."""
         pair = before, after
         if pair not in self._ways:

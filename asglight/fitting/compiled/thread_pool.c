@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * Work in parts that do not depend on each other, side by side on several threads. What a part
- * computes does not depend on the thread, so neither do results on how many there are.
+ * A pool of threads for work in parts that do not depend on each other. What a part computes does
+ * not depend on the thread, so neither do results on how many there are.
  *
- * The caller takes parts as its helpers do, and needs none of them. A part takes some ten
- * microseconds, so a helper without work looks for it a little while before it sleeps.
+ * The caller takes parts as its helpers do, and needs none of them. A part is a step of one frame,
+ * about a millisecond, and the next step begins some microseconds after the last part of this one:
+ * a helper without work looks for it a little while before it sleeps, for to wake it takes longer.
  */
 #include "steps.h"
 
@@ -18,7 +19,7 @@
 #include <xmmintrin.h>
 #endif
 
-enum { THREADS_MAX = 4, LOOKS = 2000 }; /* a look takes some 30 ns */
+enum { THREADS_MAX = 4, LOOKS = 2000 }; /* trials of a frame are about so many; a look: 30 ns */
 
 /* Work in parts; it lies with its caller, who waits until none of them is left. */
 typedef struct Job {
