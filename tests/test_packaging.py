@@ -10,9 +10,11 @@ import sysconfig
 import tomllib
 import venv
 import zipfile
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.specifiers import SpecifierSet
 from places import ROOT
 
 import asglight
@@ -134,3 +136,15 @@ def test_importing_asglight_loads_nothing_of_others() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     others = {name.partition(".")[0] for name in done.stdout.split()} - sys.stdlib_module_names
     assert others == {"asglight"}
+
+
+def test_pinned_versions_run_on_the_oldest_python_that_asglight_does() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    oldest = project["requires-python"].removeprefix(">=") + ".0"
+    pins = re.findall(r"^([^#=\s]+)==(\S+)$", (ROOT / "constraints.txt").read_text(), re.MULTILINE)
+    assert len(pins) > 50
+    needed = {
+        f"{name} {version}": metadata.metadata(name)["Requires-Python"] for name, version in pins
+    }
+    newer = {pin: asked for pin, asked in needed.items() if oldest not in SpecifierSet(asked or "")}
+    assert not newer  # `make setup` on Debian 12, whose Python is 3.11.2
