@@ -68,7 +68,7 @@ def _facts(name: str, kept: list[Sdf.Layer]) -> LayerFacts:
     with open(file, "rb") as stream:
         is_binary = stream.read(8).startswith(_BINARY)
     if is_binary:
-        return _PROBE.facts(name, os.path.getsize(file))
+        return _PROBE.facts(name, os.stat(file))
     layer = Sdf.Layer.FindOrOpen(name)
     if layer is None:
         raise UnreadableError("of no known kind")
@@ -116,33 +116,39 @@ class _Probe:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        self._known: dict[tuple[str, int, int, int], LayerFacts] = {}
         self._process: Apart | None = None
         self._owner = 0
         atexit.register(self._close)
 
-    def facts(self, name: str, size: int) -> LayerFacts:
+    def facts(self, name: str, file: os.stat_result) -> LayerFacts:
         """Return what a layer refers to.
 
         Args:
             name: Its path.
-            size: Bytes of its file.
+            file: Of its file, as it is now: one that was tried out is not tried out again.
 
         Raises:
             UnreadableError: It cannot be read, or ends or occupies the process.
         """
+        state = (os.path.abspath(name), file.st_ino, file.st_mtime_ns, file.st_size)
         with self._lock:
+            if state in self._known:
+                return self._known[state]
             if self._process is None or self._owner != os.getpid():
                 self._process = Apart("asglight.usd.check.probing_process")
                 self._owner = os.getpid()
             try:
-                self._process.tell({"layer": name, "bytes": size, "folder": os.getcwd()})
+                self._process.tell({"layer": name, "bytes": file.st_size, "folder": os.getcwd()})
                 answer = self._process.reply()
             except ApartError as error:
                 self._process = None
                 raise UnreadableError(str(error)) from error
-        if "unreadable" in answer:
-            raise UnreadableError(answer["unreadable"])
-        return LayerFacts(tuple(map(tuple, answer["layers"])), answer["clips"])
+            if "unreadable" in answer:
+                raise UnreadableError(answer["unreadable"])
+            known = LayerFacts(tuple(map(tuple, answer["layers"])), answer["clips"])
+            self._known[state] = known
+        return known
 
     def _close(self) -> None:
         if self._process is not None and self._owner == os.getpid():

@@ -63,7 +63,7 @@ def _samples_beside(layer: Sdf.Layer, frames: set[int]) -> int:
     def visit(path: Sdf.Path) -> None:
         nonlocal count
         if path.IsPropertyPath():
-            count += sum(time not in frames for time in layer.ListTimeSamplesForPath(path))
+            count += len(set(layer.ListTimeSamplesForPath(path)) - frames)
 
     layer.Traverse(Sdf.Path.absoluteRootPath, visit)
     return count

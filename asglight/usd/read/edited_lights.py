@@ -140,7 +140,7 @@ def _with_lights(view: View, prims: Sequence[Usd.Prim], lobes: Lobes) -> tuple[L
         if not authored[index] or has_own_edits(prim):
             continue
         own = lobes.select(torch.tensor([index]))
-        written = Written.of(view, authored[index])
+        written = Written.of(view, prim, authored[index])
         held = held_lights(prim, own, written)
         if held is None:
             kind = schema.LIGHT_TYPES[view.representation]
@@ -150,8 +150,8 @@ def _with_lights(view: View, prims: Sequence[Usd.Prim], lobes: Lobes) -> tuple[L
             changes.append(f"{prim.GetPath()}: has no {kind}; {then}")
             continue
         was = written.together(written.lights)
-        words = _words(view, was, held, view.written_at(prim))
-        words += _slant_words(own, held, view.written_at(prim))
+        words = _words(view, was, held, written.sampled)
+        words += _slant_words(own, held, written.sampled)
         if words:
             changes.append(f"{prim.GetPath()}: {', '.join(words)}")
 

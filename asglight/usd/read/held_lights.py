@@ -78,21 +78,24 @@ class Written:
         view: What is looked at.
         lights: L of them.
         shares: Of each in the means.  [F, L]
+        sampled: In which frames the lobe or a light of its has samples.  [F]
     """
 
     view: View
     lights: Sequence[Light]
     shares: Array
+    sampled: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, view: View, lights: Sequence[Light]) -> Self:
+    def of(cls, view: View, prim: Usd.Prim, lights: Sequence[Light]) -> Self:
         """Take a lobe's lights: cards by their solid angles, distant lights alike."""
         weights = np.ones((len(view.times), len(lights)))
         if view.is_cards and len(lights) > 1:
             for index, light in enumerate(lights):
                 extent = _sizes(view, light) / (2 * light.constants[schema.TRANSLATE][2])
                 weights[:, index] = cards.solid_angle(torch.from_numpy(extent)).numpy()
-        return cls(view, lights, weights / weights.sum(-1, keepdims=True))
+        shares = weights / weights.sum(-1, keepdims=True)
+        return cls(view, lights, shares, view.sampled(prim))
 
     def together(self, lights: Sequence[Light]) -> LobeLights:
         """Return other lights of the same kinds, taken together as these."""
@@ -142,9 +145,8 @@ def held_lights(prim: Usd.Prim, own: Lobes, written: Written) -> LobeLights | No
     apart = [f"without {name}" for name in absent]
     mean_turn, between = _together(turns, written.shares)
     stacked = np.stack(sizes, 1), np.stack(light, 1)
-    wrote = view.written_at(prim)
-    turned_apart = bool((between[wrote] < 1 + 2 * np.cos(np.radians(APART_DEG))).any())
-    if not absent and (turned_apart or _differ(written, *stacked, wrote)):
+    turned_apart = bool((between[written.sampled] < 1 + 2 * np.cos(np.radians(APART_DEG))).any())
+    if not absent and (turned_apart or _differ(written, *stacked)):
         apart.append(f"its {len(found)} lights differ, their mean counts")
     return written.mean(*stacked, mean_turn, tuple(apart))
 
@@ -193,15 +195,15 @@ def _light(view: View, light: Usd.Prim, sizes: Array) -> Array:
     return np.where(normalized, value, value * disc)
 
 
-def _differ(written: Written, sizes: Array, light: Array, wrote: NDArray[np.bool_]) -> bool:
-    """Tell whether lights were edited in different ways in the frames written.  [F, L, .]."""
+def _differ(written: Written, sizes: Array, light: Array) -> bool:
+    """Tell whether lights were edited in different ways in frames with samples.  [F, L, .]."""
     was = [np.stack([_sizes(written.view, one) for one in written.lights], 1)]
     was.append(np.stack([_brightness(one) for one in written.lights], 1))
     for before, after in zip(was, (sizes, light), strict=True):
         lit = (before > 0).all(1)
         ratio = after / np.where(before > 0, before, 1.0)
         apart = np.ptp(ratio, axis=1) > EDITED * np.maximum(ratio.max(1), 1.0)
-        if bool((apart & lit)[wrote].any()):
+        if bool((apart & lit)[written.sampled].any()):
             return True
     return False
 

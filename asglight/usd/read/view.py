@@ -129,7 +129,7 @@ class View:
         known = stated if stated in ocio.NAMES else self.colorspace
         return ocio.matrix(known, self.colorspace)
 
-    def written_at(self, prim: Usd.Prim) -> NDArray[np.bool_]:
+    def sampled(self, prim: Usd.Prim) -> NDArray[np.bool_]:
         """Tell in which frames a lobe or a light of its has samples; in all where none has.  [F].
 
         Between the frames of the rig nobody has written anything, as in a shot that runs slower.

@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
@@ -142,8 +143,9 @@ def test_a_stage_by_itself_is_read(library: Path, suffix: str) -> None:
 def test_a_binary_stage_that_ends_its_reader_is_one_line(
     library: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    path = library / "shot.usdc"
-    read_usd(path)
+    read_usd(library / "shot.usdc")
+    path = library / "copy.usdc"
+    shutil.copy(library / "shot.usdc", path)
     process = references._PROBE._process
     assert process is not None
     os.kill(process._process.pid, signal.SIGABRT)
@@ -155,6 +157,28 @@ def test_a_binary_stage_that_ends_its_reader_is_one_line(
     )
     assert read_usd(path).lobes.count == 3
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_binary_stage_is_tried_out_once_until_it_changes(
+    library: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = library / "tried.usdc"
+    shutil.copy(library / "shot.usdc", path)
+    tried: list[str] = []
+    tell = references.Apart.tell
+
+    def counting(process: references.Apart, request: dict[str, Any]) -> None:
+        tried.append(request["layer"])
+        tell(process, request)
+
+    monkeypatch.setattr(references.Apart, "tell", counting)
+    read_usd(path)
+    read_usd(path)
+    assert tried == [str(path)]
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(InputError, match="not readable as USD"):
+        read_usd(path)
+    assert tried == [str(path)] * 2
 
 
 def test_the_option_follows(
