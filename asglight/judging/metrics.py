@@ -41,6 +41,8 @@ FRAMES_AT_ONCE = 32
 """Maps of two sets of lobes filtered together: 6 MB."""
 
 METRIC_NAMES = ("env", "flux", "irr", "irrMax", "r0.5", "r0.25")
+FLICKER = "flicker"
+"""The one of a sequence, beside those of its frames."""
 
 
 @dataclass(frozen=True)
@@ -239,7 +241,7 @@ def sequence_errors(judged: Iterable[tuple[int, FrameErrors]]) -> SequenceErrors
         previous = errors
     mean = {name: _mean(row[name] for row in rows.values()) for name in METRIC_NAMES}
     if len(rows) > 1:
-        mean["flicker"] = change / total if total > 0 else (0.0 if change == 0 else float("inf"))
+        mean[FLICKER] = change / total if total > 0 else (0.0 if change == 0 else float("inf"))
     worst = {name: max(rows, key=lambda frame: rows[frame][name]) for name in METRIC_NAMES}
     return SequenceErrors(rows, mean, worst)
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a first frame's start and its splits are worth: other efforts beside `fast`, map by map.
+"""What a first frame's start and its splits are worth: other settings beside `fast`, map by map.
 
     python -m benchmarks.steps.starts --maps ../shared/hdri
 
 One fit decides little: which minimum a start ends in hangs on the grid it is seen on. So each map
-is fitted as it is and turned about the vertical axis. Rows are geometric means of an effort's
+is fitted as it is and turned about the vertical axis. Rows are geometric means of the
 errors over those of `fast`; seconds are of the processor, in the mean.
 """
 
@@ -37,7 +37,7 @@ def early(rounds: int) -> tuple[Level, ...]:
     return (*without[:2], replace(without[2], rounds=rounds), *without[3:])
 
 
-EFFORTS = {
+SETTINGS = {
     "fast": FAST,
     "best": BEST,
     "fast, spreads count up to 30 degrees": replace(FAST, spreads_deg=(30.0,)),
@@ -50,10 +50,10 @@ EFFORTS = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Fit every map at every turn with every effort, print a table."""
+    """Fit every map at every turn with all settings, print a table."""
     maps = maps_given("starts", __doc__, argv).values()
     turned = [_turned(radiance, part) for radiance in maps for part in TURNS]
-    print(table({name: [measured(one, each) for one in turned] for name, each in EFFORTS.items()}))
+    print(table({name: [measured(one, each) for one in turned] for name, each in SETTINGS.items()}))
     return 0
 
 
@@ -61,30 +61,30 @@ def _turned(radiance: Tensor, part: float) -> Tensor:
     return radiance.roll(round(part * radiance.shape[1]), dims=1)
 
 
-def measured(reference: Tensor, effort: FirstFrameSettings) -> dict[str, float]:
+def measured(reference: Tensor, settings: FirstFrameSettings) -> dict[str, float]:
     """Return J, the errors and the seconds of one fit.  [H, 2 H, 3]."""
     with one_thread(), torch.inference_mode():
         clock = Clock()
-        fit = first_frame.fit_first_frame(reference, LOBES, Form.ASG, effort)
+        fit = first_frame.fit_first_frame(reference, LOBES, Form.ASG, settings)
         seconds = clock.seconds()["cpu_seconds"]
     errors = frame_errors(fit.lobes, reference).values
     return {"J": fit.loss, "seconds": seconds} | {name: errors[name] for name in METRICS}
 
 
 def table(found: dict[str, list[dict[str, float]]]) -> str:
-    """Return a row for each effort, in ratios to the first.
+    """Return a row for each, in ratios to the first.
 
     Args:
-        found: What was measured of each map, for each effort.
+        found: What was measured of each map, by the name of the settings.
     """
     names = ("J", *METRICS)
-    lines = [f"| effort | {' | '.join(names)} | s |", "|---|" + "--:|" * (len(names) + 1)]
+    lines = [f"| settings | {' | '.join(names)} | s |", "|---|" + "--:|" * (len(names) + 1)]
     first = next(iter(found.values()))
-    for effort, rows in found.items():
+    for label, rows in found.items():
         pairs = list(zip(rows, first, strict=True))
         ratios = [_mean_ratio([(row[name], one[name]) for row, one in pairs]) for name in names]
         seconds = statistics.fmean(row["seconds"] for row in rows)
-        lines.append(f"| {effort} | {' | '.join(f'{r:.2f}' for r in ratios)} | {seconds:.1f} |")
+        lines.append(f"| {label} | {' | '.join(f'{r:.2f}' for r in ratios)} | {seconds:.1f} |")
     return "\n".join(lines)
 
 

@@ -3,14 +3,15 @@
 
 import argparse
 import itertools
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from asglight.cli import between
+from asglight.cli import between, limits
 from asglight.cli.frames import chosen_frames, warn_of_unread
 from asglight.cli.options.parser import (
     add_follow_option,
@@ -27,18 +28,21 @@ from asglight.images import Sequence, open_sequence
 from asglight.images.frame_files import ranges
 from asglight.images.message import shown
 from asglight.judging.metrics import (
+    FLICKER,
     METRIC_NAMES,
     FrameErrors,
     SequenceErrors,
     frames_errors,
     sequence_errors,
 )
+from asglight.judging.motion.between import METRICS, STAGE
 from asglight.lobes import LobeTracks
 from asglight.lobes.texels import texel_means
 from asglight.threads import one_thread
 
 EXAMPLE = """asglight eval sky.usda --reference sky.####.exr
-between frames: asglight eval sky.usda --reference sky.####.exr --between"""
+between frames: asglight eval sky.usda --reference sky.####.exr --between
+on a farm:      asglight eval sky.usda --reference sky.####.exr --limit irr=0.01 --limit r0.5=0.03"""
 
 EXPLANATION = """\
 env: radiance error over the sphere; flux: error of the total; irr: of the irradiance (irrMax: its
@@ -50,6 +54,7 @@ with: keys and rest where it does so with these, else the lobes."""
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `eval`."""
     parser.description = f"{parser.description}\n\n{EXPLANATION}\n\n{between.EXPLANATION}"
+    parser.description += f"\n\n{limits.EXPLANATION}"
     parser.add_argument("stage", metavar="STAGE", help="a stage that asglight has written")
     parser.add_argument(
         "--reference", required=True, metavar="INPUT", help="image file, folder or pattern"
@@ -59,11 +64,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_input_options(parser)
     add_rig_option(parser)
     add_follow_option(parser)
+    limits.add_limit_option(parser)
     add_json_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge each frame and print the errors."""
+    names = METRICS if arguments.between else (*METRIC_NAMES, FLICKER)
+    limits.check_limits(arguments.limits, names)
     if arguments.between:
         return _run_between(arguments)
     from asglight.judging.shown_keys import shown_keys, shown_map
@@ -84,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(errors_table(errors))
         print(f"judged: {what}, which the stage opens with" if keys else f"judged: {what}")
     warn_of_unread(arguments.stage, reading)
-    return 0
+    return _held(arguments, errors.mean)
 
 
 def _run_between(arguments: argparse.Namespace) -> int:
@@ -94,7 +102,15 @@ def _run_between(arguments: argparse.Namespace) -> int:
         print_json({"stage": arguments.stage, "reference": arguments.reference} | found)
     else:
         print(between.between_table(found))
-    return 0
+    return _held(arguments, found["mean"][STAGE])
+
+
+def _held(arguments: argparse.Namespace, mean: Mapping[str, float]) -> int:
+    """Say which errors are above their limits; return the exit status."""
+    above = limits.above(mean, arguments.limits)
+    for line in above:
+        print(f"{shown(arguments.stage)}: {line}", file=sys.stderr)
+    return limits.EXCEEDED if above else 0
 
 
 def reference_for(frames: tuple[int, ...], arguments: argparse.Namespace) -> Sequence:
@@ -192,6 +208,6 @@ def errors_table(errors: SequenceErrors) -> str:
     rows.append(["mean", *(f"{errors.mean[name]:.4f}" for name in METRIC_NAMES)])
     rows.append(["worst frame", *(str(errors.worst[name]) for name in METRIC_NAMES)])
     text = table(header, rows)
-    if "flicker" in errors.mean:
-        return f"{text}\nflicker {errors.mean['flicker']:.4f}"
+    if FLICKER in errors.mean:
+        return f"{text}\nflicker {errors.mean[FLICKER]:.4f}"
     return text

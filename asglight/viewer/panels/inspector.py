@@ -32,7 +32,7 @@ def inspector(state: ViewerState, renderer: Renderer) -> None:
         return
     azimuth, elevation = angles_deg(inspected.direction)
     name = "let go" if state.is_pinned else "pin"
-    widgets.button(state, "Pin the probe, or let it go", f"{name}###pin", width=3.5)
+    widgets.button(state, "Pin the inspector, or let it go", f"{name}###pin", width=3.5)
     imgui.same_line()
     if imgui.button("copy"):
         imgui.set_clipboard_text(as_text(inspected, state.lobe_names))

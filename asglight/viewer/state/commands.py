@@ -235,7 +235,7 @@ COMMANDS = (
         lambda s: s.camera.turn_environment(-ENVIRONMENT_STEP_DEG),
         repeats=True,
     ),
-    Command("Look", "Y", "Pin the probe, or let it go", _toggle_pin),
+    Command("Look", "Y", "Pin the inspector, or let it go", _toggle_pin),
     Command("Look", "W", "All of the map", lambda s: s.map_frame.show_all()),
     Command("Look", "V", "Camera and environment at rest", lambda s: s.camera.reset()),
     Command("Compare", "R", "Next comparison", _next_comparison),
