@@ -5,6 +5,7 @@
  */
 #include "steps.h"
 
+#include <pthread.h>
 #include <stdlib.h>
 
 #define GRAM_ROWS 12
@@ -51,18 +52,40 @@ void gram_add(int count, int width, const float *weighted, const float *columns,
     }
 }
 
-/* Memory of this thread that stays for the next call: fresh pages cost more than what is computed
- * in them. */
+typedef struct {
+    float *arena[ARENAS];
+    long size[ARENAS];
+} scratch_memory;
+
+static pthread_key_t scratch_key;
+
+static void let_go(void *of_thread) {
+    scratch_memory *own = of_thread;
+    for (int which = 0; which < ARENAS; which++) free(own->arena[which]);
+    free(own);
+}
+
+static void make_scratch_key(void) {
+    if (pthread_key_create(&scratch_key, let_go)) abort();
+}
+
+/* Memory of this thread that stays for the next call, until the thread ends: fresh pages cost more
+ * than what is computed in them. */
 float *scratch(int which, long floats) {
-    static _Thread_local float *arena[ARENAS];
-    static _Thread_local long size[ARENAS];
-    if (size[which] < floats) {
-        free(arena[which]);
-        arena[which] = malloc(floats * sizeof(float));
-        size[which] = arena[which] ? floats : 0;
-        if (!arena[which]) abort();
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    static _Thread_local scratch_memory *own;
+    if (!own) {
+        pthread_once(&once, make_scratch_key);
+        own = calloc(1, sizeof *own);
+        if (!own || pthread_setspecific(scratch_key, own)) abort();
     }
-    return arena[which];
+    if (own->size[which] < floats) {
+        free(own->arena[which]);
+        own->arena[which] = malloc(floats * sizeof(float));
+        own->size[which] = own->arena[which] ? floats : 0;
+        if (!own->arena[which]) abort();
+    }
+    return own->arena[which];
 }
 
 /* What tells the sources of this library from others (c_library.py). */

@@ -102,3 +102,22 @@ def test_a_fit_takes_as_many_threads_as_torch_may_use(monkeypatch: pytest.Monkey
             assert set(seen) == {1}
     finally:
         torch.set_num_threads(before)
+
+
+def _resident() -> float:
+    """Return the memory of this process, in MB."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the system tells no memory")
+def test_a_thread_that_ends_leaves_no_memory() -> None:
+    def one_after_the_other(threads: int) -> None:
+        for _ in range(threads):
+            with ThreadPoolExecutor(1) as pool:
+                pool.submit(_ends, 1).result()
+
+    one_after_the_other(10)
+    before = _resident()
+    one_after_the_other(60)
+    assert _resident() - before < 10
