@@ -344,8 +344,10 @@ def _call(name: str, *arguments: Any) -> None:
     ]
     assert LIBRARY is not None
     before = LIBRARY.asglight_begin(frame_threads())
-    getattr(LIBRARY, name)(*given)
-    LIBRARY.asglight_end(before)
+    try:
+        getattr(LIBRARY, name)(*given)
+    finally:  # also where the call was interrupted
+        LIBRARY.asglight_end(before)
 
 
 def _contiguous(*tensors: Tensor) -> list[Tensor]:

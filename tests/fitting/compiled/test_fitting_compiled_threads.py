@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames of one call on several threads: the same bits, from any thread and in a copied process."""
 
+import ctypes
 import multiprocessing
 import os
 import threading
@@ -102,6 +103,13 @@ def test_a_fit_takes_as_many_threads_as_torch_may_use(monkeypatch: pytest.Monkey
             assert set(seen) == {1}
     finally:
         torch.set_num_threads(before)
+
+
+def test_a_call_that_is_interrupted_leaves_the_smallest_numbers_to_others() -> None:
+    smallest = float.fromhex("0x1p-1074")
+    with pytest.raises(ctypes.ArgumentError):
+        compiled._call("asglight_probe", *["no pointer"] * 7)
+    assert (smallest * 1.0).hex() == "0x0.0000000000001p-1022"
 
 
 def _resident() -> float:
