@@ -27,14 +27,14 @@ AFTER_FRAME = KILL + (
     "checkpoint.Checkpoint.append = kill"
 )
 WITHIN_LINE = KILL + (
-    "write = checkpoint._write_all\n"
+    "write = checkpoint.write_all\n"
     "def kill(stream, data):\n"
     "    seen.append(data)\n"
     "    if len(seen) == {frames}:\n"
     "        stream.write(data[:{bytes}])\n"
     "        os.kill(os.getpid(), signal.SIGKILL)\n"
     "    write(stream, data)\n"
-    "checkpoint._write_all = kill"
+    "checkpoint.write_all = kill"
 )
 BEFORE_RENAME = KILL + (
     "replace = os.replace\n"

@@ -217,7 +217,7 @@ def test_a_full_disk_is_told_and_the_frames_before_it_are_kept(
 
     with Checkpoint(path, HEADER, resume=False) as file:
         file.append(shot_files.record(1))
-        monkeypatch.setattr(checkpoint, "_write_all", full)
+        monkeypatch.setattr(checkpoint, "write_all", full)
         with pytest.raises(InputError, match=r"\(No space left on device\).* --resume goes on"):
             file.append(shot_files.record(2))
     assert resumed_frames(path) == [1]

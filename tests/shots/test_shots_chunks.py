@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A shot cut into parts, and the folder that keeps them."""
 
+import errno
 import itertools
 import os
 import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
+import shot_files
 import sky_files
 
 from asglight.errors import InputError
@@ -105,11 +108,55 @@ def test_a_changed_image_is_refused_where_a_part_has_used_it(shot: Shot) -> None
         begin(shot, resume=True)
 
 
-def test_a_settings_file_that_was_cut_off_counts_as_none(shot: Shot) -> None:
+def test_a_damaged_settings_file_costs_no_finished_part(shot: Shot) -> None:
+    begin(shot)
+    folder = Path(shot.output + ".parts")
+    settings = folder / "settings.json"
+    settings.write_bytes(settings.read_bytes()[:20])
+    with pytest.raises(InputError, match=r"settings\.json: is damaged; expected the settings of"):
+        begin(shot, resume=True)
+    assert (folder / "part.1001-1010.done").exists()
+    assert len(begin(shot)) == 1  # afresh, as was asked
+
+
+def test_a_full_disk_damages_no_settings(shot: Shot, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(stream: BinaryIO, data: bytes) -> None:
+        stream.write(data[: len(data) // 2])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
     begin(shot)
     settings = Path(shot.output + ".parts") / "settings.json"
-    settings.write_bytes(settings.read_bytes()[:20])
-    assert len(begin(shot, resume=True)) == 1
+    before = settings.read_bytes()
+    os.utime(Path(shot.source) / "sky.1016.exr", (1, 1))  # so that they are written anew
+    with monkeypatch.context() as patched:
+        patched.setattr(chunks, "write_all", full)
+        with pytest.raises(InputError, match=r"settings\.json: cannot be written \(No space left"):
+            begin(shot, resume=True)
+    assert settings.read_bytes() == before
+    assert begin(shot, resume=True) == []
+    assert settings.read_bytes() != before
+
+
+def test_settings_that_are_replaced_are_locked_all_along(shot: Shot) -> None:
+    begin(shot)
+    os.utime(Path(shot.source) / "sky.1016.exr", (1, 1))
+    with (
+        Parts(shot, 8, resume=True, on_progress=ignore),
+        pytest.raises(BusyError, match="another run is writing it"),
+    ):
+        Parts(shot, 8, resume=True, on_progress=ignore)
+
+
+def test_the_checkpoint_of_a_fit_that_runs_is_left_to_it(shot: Shot) -> None:
+    whole = replace(shot, frames="1001-1003")
+    path = Path(shot.output + ".checkpoint")
+    with Checkpoint(path, header_of({}), resume=False) as held:
+        held.append(shot_files.record(1001))
+        with pytest.raises(BusyError, match=r"shot\.usda: another run is writing it"):
+            Parts(whole, 8, resume=False, on_progress=ignore)
+    assert path.exists()
+    Parts(whole, 8, resume=False, on_progress=ignore).__exit__()
+    assert not path.exists()
 
 
 def test_a_folder_of_others_is_left_alone(shot: Shot) -> None:

@@ -97,10 +97,10 @@ class Checkpoint:
         try:
             self._stream.truncate(self._length)
             self._stream.seek(self._length)
-            _write_all(self._stream, lines)
+            write_all(self._stream, lines)
             os.fsync(self._stream.fileno())
         except OSError as error:
-            raise _not_writable(self.path, error) from error
+            raise not_writable(self.path, error) from error
         self._length += len(lines)
         self.records.append(record)
 
@@ -111,10 +111,7 @@ class Checkpoint:
 
     def remove(self) -> None:
         """Delete the file: the shot is written."""
-        # Deleted before the lock is given back, so that no other run opens it in between.
-        with contextlib.suppress(FileNotFoundError):
-            self.path.unlink()
-        self._stream.close()
+        _delete(self.path, self._stream)
 
     def _read(self, resume: bool) -> None:
         content = self._stream.read()
@@ -193,7 +190,7 @@ def open_locked(path: Path) -> tuple[BinaryIO, bool]:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         except OSError as error:
-            raise _not_writable(path, error) from error
+            raise not_writable(path, error) from error
         stream = os.fdopen(descriptor, "r+b", buffering=0)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -210,7 +207,25 @@ def open_locked(path: Path) -> tuple[BinaryIO, bool]:
         stream.close()  # another run has finished and deleted it in between
 
 
-def _write_all(stream: BinaryIO, data: bytes) -> None:
+def delete(path: Path) -> None:
+    """Delete a file of a run that has ended.
+
+    Raises:
+        BusyError: The run goes on.
+        InputError: The file cannot be opened.
+    """
+    if path.exists():
+        _delete(path, open_locked(path)[0])
+
+
+def _delete(path: Path, stream: BinaryIO) -> None:
+    # Deleted before the lock is given back, so that no other run opens it in between.
+    with contextlib.suppress(FileNotFoundError):
+        path.unlink()
+    stream.close()
+
+
+def write_all(stream: BinaryIO, data: bytes) -> None:
     """Write every byte: the system may take only some at a time, as on a disk that fills up."""
     rest = memoryview(data)
     while rest:
@@ -224,7 +239,7 @@ def _is_still(path: Path, descriptor: int) -> bool:
         return False
 
 
-def _not_writable(path: Path, error: OSError) -> InputError:
+def not_writable(path: Path, error: OSError) -> InputError:
     return InputError(
         f"{shown(path)}: cannot be written ({error.strerror}); expected a folder with room and the "
         "permission to write. Make room or choose another output; then --resume goes on."

@@ -10,6 +10,7 @@ import contextlib
 import itertools
 import json
 import math
+import os
 import shutil
 import time
 from dataclasses import dataclass, field, replace
@@ -26,7 +27,14 @@ from asglight.images.sequence import Missing
 from asglight.shots.events import Notice, OnProgress
 from asglight.shots.job import fit_shot
 from asglight.shots.kept.checkpoint import SUFFIX as CHECKPOINT_SUFFIX
-from asglight.shots.kept.checkpoint import BusyError, check_same, open_locked
+from asglight.shots.kept.checkpoint import (
+    BusyError,
+    check_same,
+    delete,
+    not_writable,
+    open_locked,
+    write_all,
+)
 from asglight.shots.parts.preroll import Followed, follow
 from asglight.shots.reading import stamp_of
 from asglight.shots.settings import (
@@ -182,18 +190,39 @@ class Parts:
             self.folder.mkdir()
         self._stream, _ = open_locked(settings)
         try:
-            found = _parsed(self._stream.read())
+            content = self._stream.read()
+            found = _parsed(content)
             if resume and found is not None:
                 check_same(self.folder, found["settings"], header)
                 self._check_images(sequence, found["images"], images)
             else:
+                if resume and any(self.folder.glob("part.*")):
+                    raise InputError(
+                        f"{shown(settings)}: is damaged; expected the settings of the parts beside "
+                        "it. Leave out --resume to start afresh."
+                    )
                 self._start_afresh(on_progress)
-            self._stream.seek(0)
-            self._stream.truncate()
-            self._stream.write(json.dumps({"settings": header, "images": images}).encode())
+            wanted = json.dumps({"settings": header, "images": images}).encode()
+            if content != wanted:
+                self._replace(settings, wanted)
         except BaseException:
             self._stream.close()
             raise
+
+    def _replace(self, settings: Path, content: bytes) -> None:
+        """Write the settings beside, locked, and rename: those that were there stay until then."""
+        beside = settings.with_name(f"{settings.name}.new")
+        stream, _ = open_locked(beside)
+        try:
+            stream.truncate(0)
+            write_all(stream, content)
+            os.fsync(stream.fileno())
+            beside.replace(settings)
+        except OSError as error:
+            stream.close()
+            raise not_writable(settings, error) from error
+        self._stream.close()
+        self._stream = stream
 
     def _start_afresh(self, on_progress: OnProgress) -> None:
         """Delete what an earlier run has left."""
@@ -209,7 +238,7 @@ class Parts:
         for path in self.folder.glob("part.*"):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         if len(self.parts) == 1:
-            Path(self.shot.output + CHECKPOINT_SUFFIX).unlink(missing_ok=True)
+            delete(Path(self.shot.output + CHECKPOINT_SUFFIX))
 
     def _check_images(
         self, sequence: Sequence, before: list[list[int]], now: list[list[int]]
