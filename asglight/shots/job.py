@@ -39,7 +39,13 @@ from asglight.shots.settings import (
 )
 from asglight.shots.tracks import tracks_from
 from asglight.threads import one_thread
-from asglight.usd.options import KeyOptions, StageOptions, check_key_options, check_stage_options
+from asglight.usd.options import (
+    KeyOptions,
+    StageOptions,
+    check_key_options,
+    check_stage_options,
+    stages_beside,
+)
 
 if TYPE_CHECKING:
     from asglight.usd import WriteReport
@@ -156,6 +162,10 @@ def _check(
     check_fps(fps)
     check_output(output)
     check_stage_options(stage)
+    if stage.may_show_images and stages_beside(output):
+        from asglight.usd.write.checks import check_images_apart
+
+        check_images_apart(output)
     if keys is not None:
         check_key_options(keys)
 

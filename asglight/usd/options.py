@@ -14,7 +14,9 @@ from asglight.errors import InputError
 from asglight.images import ocio
 from asglight.images.message import forward, has_backslash, shown
 
-STAGE_SUFFIXES = (".usda", ".usdc", ".usd", ".usdz")
+PACKAGE = ".usdz"
+
+STAGE_SUFFIXES = (".usda", ".usdc", ".usd", PACKAGE)
 """Text, crate, crate, and a package of a crate with the dome's images."""
 
 DISTANCE_M = 1000.0
@@ -122,6 +124,11 @@ class StageOptions:
         return tuple(one for one in Representation if one in self.representations)
 
     @property
+    def may_show_images(self) -> bool:
+        """Tell whether lights may show images; distant lights have none."""
+        return self.held != (Representation.DISTANT,)
+
+    @property
     def card_distance(self) -> float:
         """Return the distance of the cards in stage units."""
         return DISTANCE_M / self.meters_per_unit if self.distance is None else self.distance
@@ -131,6 +138,24 @@ def without_keys(options: StageOptions) -> StageOptions:
     """Return options of a stage without keys: cards, where it holds nothing else."""
     names = tuple(one for one in options.representations if one != Representation.KEYS)
     return replace(options, representations=names or (Representation.CARDS,))
+
+
+def image_folder(path: Path) -> Path:
+    """Return the folder of a stage's images."""
+    return path.parent / f"{path.stem}_dome"
+
+
+def stages_beside(path: Path) -> list[Path]:
+    """Return the stages whose images would lie in the same folder: of one name but the extension.
+
+    A package has its images within.
+    """
+    with_folder = [suffix for suffix in STAGE_SUFFIXES if suffix != PACKAGE]
+    if path.suffix.lower() not in with_folder or not path.parent.is_dir():
+        return []
+    found = [one for one in path.parent.iterdir() if one.stem == path.stem]
+    stages = [one for one in found if one.suffix.lower() in with_folder and one.is_file()]
+    return [one for one in stages if not (path.exists() and one.samefile(path))]
 
 
 def check_stage_name(path: Path) -> None:

@@ -9,6 +9,7 @@ import shot_files
 import sky_files
 import torch
 from lobe_cases import follow
+from usd_tracks import of_every_kind
 
 from asglight import read_usd
 from asglight.errors import InputError
@@ -21,6 +22,7 @@ from asglight.shots import ShotResult, fit_sequence, fit_shot, frames, job
 from asglight.shots.events import Event, FrameDone, Notice, Refined, Started, StepDone
 from asglight.shots.kept.checkpoint import SUFFIX
 from asglight.sphere.quadrature import fibonacci_directions
+from asglight.usd import StageOptions, write_usd
 
 
 @pytest.fixture
@@ -296,3 +298,14 @@ def test_a_damaged_frame_is_filled_or_named_and_mended(tmp_path: Path) -> None:
     path.write_bytes(whole)
     os.utime(path, ns=(stamp, stamp))
     assert fit_shot(source, output, shot_files.OPTIONS, resume=True).resumed == 2
+
+
+def test_a_stage_beside_whose_images_would_go_is_told_before_anything_is_read(
+    tmp_path: Path,
+) -> None:
+    write_usd(of_every_kind([1]), tmp_path / "shot.usdc")
+    with pytest.raises(InputError, match=r"shot\.usda: its images would replace those of"):
+        fit_shot(tmp_path / "no such file", tmp_path / "shot.usda")
+    distant = StageOptions(representations=("distant",))
+    with pytest.raises(InputError, match="no such file"):
+        fit_shot(tmp_path / "no such file", tmp_path / "shot.usda", stage=distant)

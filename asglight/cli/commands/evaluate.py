@@ -42,7 +42,7 @@ from asglight.threads import one_thread
 
 EXAMPLE = """asglight eval sky.usda --reference sky.####.exr
 between frames: asglight eval sky.usda --reference sky.####.exr --between
-on a farm:      asglight eval sky.usda --reference sky.####.exr --limit irr=0.01 --limit r0.5=0.03"""
+on a farm:      asglight eval sky.usda --reference sky.####.exr --limit irr=0.01"""
 
 EXPLANATION = """\
 env: radiance error over the sphere; flux: error of the total; irr: of the irradiance (irrMax: its

@@ -240,6 +240,7 @@ def _is_still(path: Path, descriptor: int) -> bool:
 
 
 def not_writable(path: Path, error: OSError) -> InputError:
+    """Return what to raise where a file that is kept cannot be written."""
     return InputError(
         f"{shown(path)}: cannot be written ({error.strerror}); expected a folder with room and the "
         "permission to write. Make room or choose another output; then --resume goes on."

@@ -25,7 +25,7 @@ from asglight.usd.options import (
 from asglight.usd.spaces import space_for
 from asglight.usd.write import layer, staging
 from asglight.usd.write.authoring import TrackAuthor
-from asglight.usd.write.checks import check_target, check_tracks
+from asglight.usd.write.checks import check_images_apart, check_target, check_tracks
 from asglight.usd.write.keys import KeySource, WrittenKeys
 from asglight.usd.write.staging import WriteReport
 
@@ -109,6 +109,8 @@ def _write(
             if keys is None
             else "keys: given without their representation; expected keys among them."
         )
+    if options.may_show_images:
+        check_images_apart(path)
     with one_thread(), staging.staged(path) as place, our_own():
         beside, author, told = _write_files(tracks, options, place, keys)
         findings = [*author.findings, *lint_stage(place, author.checked)]

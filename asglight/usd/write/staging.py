@@ -23,6 +23,7 @@ from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.usd.faults import reason
 from asglight.usd.lights import card_texture, cards, dome
+from asglight.usd.options import image_folder
 from asglight.usd.spaces import Space
 from asglight.usd.write.authoring import TrackAuthor
 from asglight.usd.write.keys import KeySource, WrittenKeys
@@ -75,11 +76,6 @@ def staged(path: Path) -> Iterator[Path]:
         ) from error
 
 
-def dome_folder(path: Path) -> Path:
-    """Return the folder of a stage's dome images."""
-    return path.parent / f"{path.stem}_dome"
-
-
 def dome_images(
     tracks: LobeTracks, place: Path, height: int, space: Space, part: str = ""
 ) -> dome.Textures:
@@ -92,7 +88,7 @@ def dome_images(
         space: Of the stage's colours.
         part: Ends the names' stem, where not all lobes are shown.
     """
-    folder = dome_folder(place)
+    folder = image_folder(place)
     folder.mkdir(exist_ok=True)
     images = dome.textures(tracks, folder, f"{place.stem}{part}", height, space)
     return replace(images, writing=[_named_as_asked(place)(one) for one in images.writing])
@@ -129,7 +125,7 @@ def write_card(kinds: Sequence[cards.Kind], place: Path) -> list[Path]:
     """
     if cards.Kind.TEXTURED not in kinds:
         return []
-    path = dome_folder(place) / f"{place.stem}.card.exr"
+    path = image_folder(place) / f"{place.stem}.card.exr"
     path.parent.mkdir(exist_ok=True)
     with _named_as_asked(place):
         card_texture.write_texture(path)
@@ -142,7 +138,7 @@ def write_keys(source: KeySource, tracks: LobeTracks, place: Path, space: Space)
     Raises:
         InputError: An image cannot be read or written.
     """
-    folder = dome_folder(place)
+    folder = image_folder(place)
     folder.mkdir(exist_ok=True)
     with _named_as_asked(place):
         return source.write(tracks, folder, place.stem, space)
@@ -197,7 +193,7 @@ def move_into_place(
         author: What counted the samples.
         keys: What is told of the keys.
     """
-    folder = dome_folder(path)
+    folder = image_folder(path)
     if textures:
         folder.mkdir(exist_ok=True)
     images = [folder / texture.name for texture in textures]

@@ -12,7 +12,7 @@ import pytest
 import torch
 from forked import Forks
 from full_disk import full_beyond
-from usd_tracks import contents, moving, still, write_every
+from usd_tracks import contents, moving, of_every_kind, still, write_every
 from written_stages import put_every
 
 from asglight.errors import InputError
@@ -52,6 +52,30 @@ def test_a_file_in_the_place_of_the_dome_folder_is_named(tmp_path):
     message = refused(still(), tmp_path / "shot.usda", dome_height=2)
     assert "shot.usda: cannot be written (File exists); expected a folder with room" in message
     assert contents(tmp_path) == {"shot_dome": b"mine"}
+
+
+@pytest.mark.parametrize("other", ["shot.usdc", "shot.usd", "shot.USDC"])
+def test_images_of_a_stage_with_another_extension_are_left_alone(other, tmp_path):
+    tracks = of_every_kind([1, 2])
+    write_usd(tracks, tmp_path / other)
+    before = contents(tmp_path)
+    assert any(name.endswith(".exr") for name in before)
+    with pytest.raises(InputError, match=r"shot\.usda: its images would replace those of"):
+        write_usd(tracks, tmp_path / "shot.usda")
+    assert contents(tmp_path) == before
+    write_usd(tracks, tmp_path / "shot.usda", representations=("distant",))  # it has no images
+    write_usd(tracks, tmp_path / "shot.usdz")  # it holds its images
+    write_usd(tracks, tmp_path / "other.usda")
+    (tmp_path / other).unlink()
+    write_usd(tracks, tmp_path / "shot.usda")
+
+
+def test_a_stage_beside_that_shows_no_images_or_is_none_is_in_nobodys_way(tmp_path):
+    tracks = of_every_kind([1, 2])
+    write_usd(tracks, tmp_path / "shot.usdc", representations=("distant",))
+    (tmp_path / "shot.usd").write_bytes(b"PXR-USDC and no more")
+    write_usd(tracks, tmp_path / "shot.usda")
+    write_usd(tracks, tmp_path / "shot.usda")
 
 
 @pytest.mark.skipif(not os.path.isdir("/sys"), reason="needs a folder that even root cannot write")

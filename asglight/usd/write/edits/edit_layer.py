@@ -28,7 +28,7 @@ from asglight.usd.check.trust import our_own
 from asglight.usd.digest import author_digest, digest_of_prim
 from asglight.usd.lights import cards
 from asglight.usd.lights.light import Light
-from asglight.usd.options import STAGE_SUFFIXES
+from asglight.usd.options import STAGE_SUFFIXES, image_folder
 from asglight.usd.read.placement import as_written
 from asglight.usd.read.tracks import read_stage
 from asglight.usd.schema import Representation
@@ -40,7 +40,7 @@ from asglight.usd.stage import (
 from asglight.usd.write import layer, samples, staging
 from asglight.usd.write.authoring import TrackAuthor
 from asglight.usd.write.between import Shot
-from asglight.usd.write.checks import check_target, check_tracks
+from asglight.usd.write.checks import check_images_apart, check_target, check_tracks
 from asglight.usd.write.edits.edited_lobes import LobeChanges, author_added, author_states
 from asglight.usd.write.edits.edited_stage import AttributeTrack, EditedStage
 from asglight.usd.write.edits.over_stage import reference, with_metadata
@@ -98,6 +98,7 @@ def write_edit_layer(
         muted, tracks = below.muted, below.unmuted(tracks, edited)
     _check_same(below, tracks, edited)
     _check_apart(path, below)
+    check_images_apart(path)
     count = below.tracks.lobes.count
     changes = LobeChanges(
         tracks,
@@ -301,11 +302,11 @@ def _check_apart(path: Path, below: EditedStage) -> None:
     """Check that no file of the stage would be replaced: neither a layer nor an image."""
     target = path.resolve()
     layers = [Path(used.realPath) for used in below.stage.GetUsedLayers() if used.realPath]
-    owners = {staging.dome_folder(used.resolve()): used for used in layers}
+    owners = {image_folder(used.resolve()): used for used in layers}
     images = [image for image in below.images if not Ar.IsPackageRelativePath(image)]
     owners |= {Path(image).resolve().parent: below.path for image in images}
     same = [used for used in layers if path.exists() and path.samefile(used)]
-    owner = owners.get(staging.dome_folder(target), same[0] if same else None)
+    owner = owners.get(image_folder(target), same[0] if same else None)
     if owner is not None:
         raise InputError(
             f"{shown(path)}: would replace files of {shown(owner)}, which is edited; expected "

@@ -34,7 +34,7 @@ from asglight.usd.stage import child_of, key_lights, lobe_prims, open_rig, place
 from asglight.usd.write import layer, staging
 from asglight.usd.write.authoring import TrackAuthor, constant
 from asglight.usd.write.between import Shot
-from asglight.usd.write.checks import check_target, check_tracks
+from asglight.usd.write.checks import check_images_apart, check_target, check_tracks
 from asglight.usd.write.edits.edit_layer import LAYER_SUFFIXES
 from asglight.usd.write.edits.edited_lobes import (
     LobeChanges,
@@ -141,6 +141,7 @@ def write_key_edits(
         muted, tracks = below.muted, _unmuted(below, tracks, edited)
     _check_same(below, tracks, edited)
     _check_apart(path, below.stage, below.path)
+    check_images_apart(path)
     changes = _changes(below, tracks, frozenset(muted), frozenset(deleted))
     kept = [
         index
