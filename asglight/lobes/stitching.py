@@ -92,7 +92,8 @@ def stitched(parts: Sequence[LobeTracks], names: Sequence[str] | None = None) ->
 
     Returns:
         The tracks in float32, with the metadata of the part that begins first. The lobes of that
-        part come first, in its order and under its names.
+        part come first, in its order and under its names. Those that come later keep theirs, where
+        no other has it.
 
     Raises:
         InputError: There is no part, or they do not make up a shot.
@@ -104,13 +105,21 @@ def stitched(parts: Sequence[LobeTracks], names: Sequence[str] | None = None) ->
     _check_alike(named)
     first, _ = named[0]
     frames, lobes = first.frames, _exact(first.lobes)
+    called, shown = first.names, dict(first.display_names)
+    unused = first_unused(name for part in parts for name in part.names)
     for (_, name), (part, next_name) in itertools.pairwise(named):
         overlap = _overlap(frames, part.frames, f"{name} and {next_name}", _step(parts))
-        lobes = _joined(_Seam(lobes, _exact(part.lobes), overlap))
+        seam = _Seam(lobes, _exact(part.lobes), overlap)
+        rows = _rows(seam)
+        lobes = _joined(seam, rows)
         frames = (*frames, *part.frames[overlap:])
+        called = _names(called, part.names, rows, unused)
+        for name, row in zip(called, rows, strict=True):
+            own = "" if row.after is None else part.names[row.after]
+            if own in part.display_names:
+                shown.setdefault(name, part.display_names[own])
     lobes = continuous(lobes).to(torch.float32)
-    more = lobe_names(lobes.count - len(first.names), first_unused(first.names))
-    return LobeTracks(frames, first.fps, lobes, first.metadata, first.names + more)
+    return LobeTracks(frames, first.fps, lobes, first.metadata, called, shown)
 
 
 def _exact(lobes: Lobes) -> Lobes:
@@ -169,9 +178,29 @@ def _overlap(frames: Sequence[int], following: Sequence[int], names: str, step: 
     return overlap
 
 
-def _joined(seam: _Seam) -> Lobes:
+def _names(
+    called: tuple[str, ...], own: Sequence[str], rows: Sequence[_Row], unused: int
+) -> tuple[str, ...]:
+    """Return the names of the tracks of both parts together.
+
+    Args:
+        called: Those of the earlier part, which stay.
+        own: Those of the later part.
+        rows: The tracks.
+        unused: A number from which on no part has names of lobes.
+    """
+    unused = max(unused, first_unused(called))
+    for row in rows[len(called) :]:
+        name = own[row.after or 0]
+        if name in called:  # of another light
+            (name,), unused = lobe_names(1, unused), unused + 1
+        called = (*called, name)
+    return called
+
+
+def _joined(seam: _Seam, rows: Sequence[_Row]) -> Lobes:
     """Return the lobes of both parts: N and those without a place there.  [F + G - K, ., .]."""
-    before, after, overlap = _paired(seam)
+    before, after, overlap = _paired(seam, rows)
     start = len(before.axes) - overlap
     pieces = [before[:start], _blend(before[start:], after[:overlap]), after[overlap:]]
     return combined(pieces, torch.cat)
@@ -200,14 +229,13 @@ def _parts_of(lobes: Lobes) -> Tensor:
     return part.reshape(-1, *[1] * (lobes.axes.ndim - 3))
 
 
-def _paired(seam: _Seam) -> _Seam:
+def _paired(seam: _Seam, rows: Sequence[_Row]) -> _Seam:
     """Give every lobe its counterpart: the same lobe, one that is dark there, or a black one.
 
     Over the overlap a dark or black counterpart lies where the lit lobe does, so that the two blend
     to that lobe with a part of its light.
     """
     before, after, overlap = seam
-    rows = _rows(seam)
     kept = torch.tensor([row.before is not None for row in rows])
     comes = torch.tensor([row.after is not None for row in rows])
     follows = torch.tensor([row.leader == "after" for row in rows])

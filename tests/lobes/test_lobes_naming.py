@@ -113,3 +113,18 @@ def test_names_must_fit_the_lobes():
         replace(lamps([1, 2], [0, 40]), names=("a",))
     with pytest.raises(ValueError, match="expected one each"):
         replace(lamps([1, 2], [0, 40]), names=("a", "a"))
+
+
+def test_what_a_person_calls_a_light_stays_with_it():
+    earlier = by_energy(lamps([6, 5, 4], [0, 40, 90]))
+    earlier = replace(earlier, display_names={"lobe_01": "Tube", "lobe_02": "Window"})
+    named = named_as(lamps([9, 8, 5], [40, 220, 0]), earlier)
+    assert place_of(named) == {"lobe_00": 0, "lobe_01": 40, "lobe_03": 220}
+    assert named.display_names == {"lobe_01": "Tube"}
+
+
+def test_sorting_by_energy_keeps_what_a_person_calls_a_light():
+    tracks = replace(lamps([1, 5], [0, 40]), display_names={"lobe_01": "Tube"})
+    found = by_energy(tracks)
+    assert place_of(found) == {"lobe_00": 40, "lobe_01": 0}
+    assert found.display_names == {"lobe_00": "Tube"}

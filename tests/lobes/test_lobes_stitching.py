@@ -263,3 +263,19 @@ def test_parts_that_make_no_shot_are_told(parts: list[LobeTracks], message: str)
 def test_names_stand_in_messages() -> None:
     with pytest.raises(InputError, match=r"a\.usdc and b\.usdc: between them"):
         stitched([part(7, LAMP), part(1, LAMP)], ["b.usdc", "a.usdc"])
+
+
+def test_a_light_of_a_later_part_keeps_its_name_where_it_is_free() -> None:
+    """As where each part was fitted with --names-from, and one light is not seen in the first."""
+    first = replace(part(1, LAMP), names=("lobe_00",))
+    later = replace(part(3, along([[0.0, 120.0]] * 4)), names=("lobe_00", "lobe_02"))
+    assert stitched([first, later]).names == ("lobe_00", "lobe_02")
+    taken = replace(later, names=("lobe_04", "lobe_00"))
+    assert stitched([first, taken]).names == ("lobe_00", "lobe_05")
+
+
+def test_what_a_person_calls_a_light_stays_with_it() -> None:
+    first = replace(part(1, LAMP), display_names={"lobe_00": "Sun"})
+    both = part(3, along([[120.0, 0.0]] * 4))
+    later = replace(both, names=("lobe_07", "lobe_00"), display_names={"lobe_07": "Tube"})
+    assert stitched([first, later]).display_names == {"lobe_00": "Sun", "lobe_07": "Tube"}

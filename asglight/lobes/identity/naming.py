@@ -27,8 +27,7 @@ def by_energy(tracks: LobeTracks) -> LobeTracks:
     """Return the lobes sorted by their flux over the shot, the largest first, named in order."""
     flux = asg.flux(tracks.lobes.to("cpu", torch.float64)).sum((0, -1))  # [N]
     order = torch.argsort(flux, descending=True, stable=True)
-    lobes = tracks.lobes.select(order.to(tracks.lobes.axes.device))
-    return replace(tracks, lobes=lobes, names=lobe_names(lobes.count))
+    return _in_order(tracks, order.tolist(), lobe_names(tracks.lobes.count))
 
 
 def named_as(tracks: LobeTracks, earlier: LobeTracks) -> LobeTracks:
@@ -45,7 +44,17 @@ def named_as(tracks: LobeTracks, earlier: LobeTracks) -> LobeTracks:
     order = [*(same[index] for index in sorted(same)), *new]
     names = [earlier.names[index] for index in sorted(same)]
     unused = lobe_names(len(new), first_unused(earlier.names))
-    return replace(tracks, lobes=tracks.lobes.select(torch.tensor(order)), names=(*names, *unused))
+    named = _in_order(tracks, order, (*names, *unused))
+    kept = {name: earlier.display_names[name] for name in names if name in earlier.display_names}
+    return replace(named, display_names={**named.display_names, **kept})
+
+
+def _in_order(tracks: LobeTracks, order: list[int], names: tuple[str, ...]) -> LobeTracks:
+    """Return the lobes in another order under other names; people call them as before."""
+    called = zip(names, (tracks.names[index] for index in order), strict=True)
+    shown = {new: tracks.display_names[old] for new, old in called if old in tracks.display_names}
+    lobes = tracks.lobes.select(torch.tensor(order, device=tracks.lobes.axes.device))
+    return replace(tracks, lobes=lobes, names=names, display_names=shown)
 
 
 def _same_lobes(tracks: LobeTracks, earlier: LobeTracks) -> dict[int, int] | None:

@@ -72,7 +72,8 @@ class MixedKeys:
         names = () if self.tracks is None else self.tracks.names
         textures = tuple(self._textures(key, name, target) for key, name in enumerate(names))
         lobes = None if self.tracks is None else self.tracks.lobes
-        return WrittenKeys(names, lobes, tuple(rest), textures, self.lights, self.document)
+        called = {} if self.tracks is None else self.tracks.display_names
+        return WrittenKeys(names, lobes, tuple(rest), textures, self.lights, self.document, called)
 
     @property
     def lights(self) -> KeyLights:

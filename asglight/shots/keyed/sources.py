@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keys of a stage at other times, and of a shot that is stitched from parts."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -39,7 +40,8 @@ def resampled_keys(
     keys, tracks = held.keys, None
     if keys.tracks is not None:
         lobes = motion.at(keys.tracks, times)
-        tracks = LobeTracks(new.frames, new.fps, lobes, {}, keys.tracks.names)
+        called = keys.tracks.names, keys.tracks.display_names
+        tracks = LobeTracks(new.frames, new.fps, lobes, {}, *called)
     same = range(0 if tracks is None else tracks.lobes.count)
     shares = resampled_shares(keys.times, times)
     return MixedKeys(tracks, new.frames, [held], shares, [same], _retimed(told, new.frames, times))
@@ -78,7 +80,9 @@ def stitched_keys(
     tracks = None
     if any(one is not None for one in own):
         whole = stitched([one.keys.tracks or _dark(one) for one in sources], names)
-        tracks = replace(whole, names=_key_names(whole.names))
+        called = dict(zip(whole.names, _key_names(whole.names), strict=True))
+        shown = {called[name]: text for name, text in whole.display_names.items()}
+        tracks = replace(whole, names=tuple(called.values()), display_names=shown)
     same = [[] if tracks is None or one is None else same_keys(tracks, one) for one in own]
     known = () if tracks is None else tracks.names
     told = merged_document(
@@ -100,13 +104,9 @@ def _dark(held: HeldKeys) -> LobeTracks:
 
 def _key_names(names: Sequence[str]) -> tuple[str, ...]:
     """Return names of keys for those that are named as lobes: numbers that no other key has."""
-    found = [name for name in names if not name.startswith("lobe_")]
-    number = 0
-    for _ in range(len(names) - len(found)):
-        while f"key_{number:02d}" in found:
-            number += 1
-        found.append(f"key_{number:02d}")
-    return tuple(found)
+    is_key = {name: not name.startswith("lobe_") for name in names}
+    free = (name for number in itertools.count() if (name := f"key_{number:02d}") not in is_key)
+    return tuple(name if is_key[name] else next(free) for name in names)
 
 
 def _in_order(told: dict[str, Any], tracks: LobeTracks | None) -> dict[str, Any]:

@@ -278,7 +278,7 @@ def _join(plan: Parts) -> str:
                 "all machines share. Write the stage to one."
             )
     if len(files) > 1:
-        join(files, plan.shot.output)
+        join(files, plan.shot.output, names_from=plan.shot.names_from)
     return plan.shot.output
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
+from asglight.lobes.identity.naming import named_as
 from asglight.lobes.stitching import stitched
 from asglight.shots.conditioning import with_condition
 
@@ -42,7 +43,11 @@ class Joined:
 
 
 def join(
-    files: Sequence[str], output: str, given: Mapping[str, Any] = MappingProxyType({})
+    files: Sequence[str],
+    output: str,
+    given: Mapping[str, Any] = MappingProxyType({}),
+    *,
+    names_from: str | None = None,
 ) -> Joined:
     """Read parts, stitch them and write the shot as the first part was written.
 
@@ -50,6 +55,7 @@ def join(
         files: Stages of the parts, in any order.
         output: The stage of the shot.
         given: Options of the stage, by name, in place of those of the first part.
+        names_from: Stage of an earlier fit, whose names the lights of the shot keep.
 
     Raises:
         InputError: A part cannot be read, they do not make up a shot, or it cannot be written.
@@ -61,6 +67,8 @@ def join(
 
     parts = sorted(((read_usd(file), file) for file in files), key=lambda pair: pair[0].frames)
     tracks = stitched([part for part, _ in parts], [shown(file) for _, file in parts])
+    if names_from is not None:
+        tracks = named_as(tracks, read_usd(names_from))
     account = [row for part, file in parts for row in part_rows(part, file)]
     metadata = {name: tracks.metadata[name] for name in tracks.metadata if name not in OF_FRAMES}
     tracks = with_condition(replace(tracks, metadata=metadata | {"parts": account}))
