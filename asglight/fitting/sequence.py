@@ -8,7 +8,6 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from asglight.fitting.first_frame import fit as first_frame
 from asglight.fitting.first_frame.fit import FrameFit, fit_first_frame, mean_radiance
 from asglight.fitting.following import next_frame as following
 from asglight.fitting.following import slots, whole_shot
@@ -19,12 +18,6 @@ from asglight.fitting.paper import losses as paper_losses
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import canonical
 from asglight.threads import frames_on, one_thread
-
-_FIRST_FRAME = {
-    Preset.LIVE: first_frame.FAST,
-    Preset.FAST: first_frame.FAST,
-    Preset.BEST: first_frame.BEST,
-}
 
 _SETTINGS = {
     Preset.LIVE: following.LIVE,
@@ -64,17 +57,16 @@ def fit_frame(
     threads = torch.get_num_threads()
     # no record for derivatives: 7 % of a live frame
     with one_thread(), frames_on(threads), torch.inference_mode():
+        settings = _SETTINGS[options.preset]
         if previous is None:
             form = options.form
             if form is None and options.preset is Preset.LIVE:
                 form = Form.ASG
-            settings = _FIRST_FRAME[options.preset]
-            fit = fit_first_frame(reference, options.count, form, settings, threads=threads)
+            fit = fit_first_frame(reference, options.count, form, settings.afresh, threads=threads)
             fit = replace(fit, lobes=canonical(fit.lobes))
             if options.has_spare_tracks:
                 fit = replace(fit, lobes=slots.with_spare_tracks(fit.lobes))
         else:
-            settings = _SETTINGS[options.preset]
             fit = fit_next_frame(reference, previous, earlier, settings, threads, options.count)
     return replace(fit, lobes=fit.lobes.clone())  # a tensor of inference mode cannot be changed
 

@@ -13,9 +13,11 @@ from torch import Tensor
 
 from asglight.fitting.first_frame import seeding
 from asglight.fitting.first_frame.fit import (
+    BEST,
     FAST,
     LAST,
     FirstFrameSettings,
+    FrameFit,
     Level,
     fit_first_frame,
     prepare,
@@ -353,3 +355,41 @@ def test_fast_is_no_worse_than_em_on_eight_of_ten_real_maps() -> None:
         ours = (errors["env"], errors["irr"], errors["r0.5"])
         better.append(all(a <= b for a, b in zip(ours, VMF_EM[name], strict=True)))
     assert sum(better) >= 0.8 * len(names), dict(zip(names, better, strict=True))
+
+
+@pytest.mark.parametrize("preset", [Preset.LIVE, Preset.FAST])
+def test_a_map_whose_mean_is_below_the_smallest_number_is_black(preset: Preset) -> None:
+    faint = torch.zeros(32, 64, 3)
+    faint[10, 20] = 1e-42  # the mean over the sphere is 7e-46
+    options = FitOptions(2, preset).settled(3)
+    first = fit_frame(faint, options, None)
+    assert float(first.lobes.amplitude.max()) == 0
+    lit = fit_frame(torch.ones(32, 64, 3), options, first.lobes)
+    assert float(lit.lobes.amplitude.max()) > 0
+    assert float(fit_frame(faint, options, lit.lobes).lobes.amplitude.max()) == 0
+
+
+@pytest.mark.parametrize("preset", [Preset.FAST, Preset.BEST])
+def test_the_first_light_after_black_is_fitted_as_a_first_frame(preset: Preset) -> None:
+    radiance, options = sky_and_sun(30.0, 32), FitOptions(3, preset).settled(2)
+    black = fit_frame(torch.zeros_like(radiance), options, None)
+    alone, lit = fit_frame(radiance, options, None), fit_frame(radiance, options, black.lobes)
+    assert lit.loss == alone.loss
+    assert torch.equal(*(fit.lobes.amplitude.sort(dim=0).values for fit in (alone, lit)))
+
+
+@pytest.mark.parametrize(
+    ("settings", "loss_max", "spent"),
+    [(FAST, 2.0, [FAST]), (BEST, 2.0, [FAST, BEST]), (BEST, 0.5, [FAST])],
+)
+def test_a_cut_is_fitted_from_nothing_with_what_the_preset_spends(
+    settings: FirstFrameSettings, loss_max: float, spent: list[FirstFrameSettings]
+) -> None:
+    asked, some = [], lamps([(0.0, 0.0, 1.0)], [20.0], [1.0])
+
+    def fitted(given: FirstFrameSettings) -> FrameFit:
+        asked.append(given)
+        return FrameFit(some, loss=1.0, flux_error=0.0)
+
+    found = next_frame._if_better(fitted, settings, loss_max)
+    assert (found is not None, asked) == (loss_max > 1, spent)

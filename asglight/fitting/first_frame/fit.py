@@ -179,6 +179,10 @@ class Exposed:
     height: int
 
 
+_LEAST = torch.finfo(torch.float32).smallest_normal * torch.finfo(torch.float32).eps
+"""Of the mean radiance: the smallest number of float32. What is darker is black."""
+
+
 def exposed(reference: Tensor) -> Exposed:
     """Bring a map to a mean of 1, the texels of one of few rows split.
 
@@ -190,6 +194,8 @@ def exposed(reference: Tensor) -> Exposed:
     share = grid(height, str(reference.device)).share.double()
     mean = share @ reference.flatten(0, 1).double()
     exposure = float(mean.mean())
+    if exposure < _LEAST:
+        exposure, mean = 0.0, torch.zeros_like(mean)
     unit = exposure if exposure > 0 else 1.0
     radiance = (reference / unit).permute(2, 0, 1).reshape(1, 3, -1).contiguous()
     return Exposed(radiance, exposure, 4 * math.pi * mean / unit, height)

@@ -8,12 +8,16 @@ in the end, by what they look like (slots.py).
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 from torch import Tensor
 
+from asglight.fitting.first_frame import fit as first_frame
 from asglight.fitting.first_frame.fit import (
+    FirstFrameSettings,
     FrameFit,
     Level,
     exposed,
@@ -44,6 +48,7 @@ class FrameSettings:
         changed: Steps on the whole map where lobes were relocated; if empty, those of `whole`.
         relocation: What is spent on relocating lobes.
         afresh_loss: J from which a frame that changed is fitted from nothing as well.
+        afresh: What is spent on a frame that is fitted from nothing.
     """
 
     coarse: tuple[Level, ...]
@@ -51,6 +56,7 @@ class FrameSettings:
     changed: tuple[Level, ...]
     relocation: Relocation
     afresh_loss: float
+    afresh: FirstFrameSettings
 
 
 LIVE = FrameSettings(
@@ -59,6 +65,7 @@ LIVE = FrameSettings(
     changed=(Level(4, Corners(0.1, 0.005)), Level(4, Corners(0.1, 0.002))),
     relocation=Relocation(rounds=1, trial=TrialSettings(steps=2, companions=2)),
     afresh_loss=1.0,
+    afresh=first_frame.FAST,
 )
 
 FAST = FrameSettings(
@@ -67,6 +74,7 @@ FAST = FrameSettings(
     changed=(),
     relocation=Relocation(rounds=2, trial=TrialSettings(4)),
     afresh_loss=0.5,
+    afresh=first_frame.FAST,
 )
 
 BEST = FrameSettings(
@@ -79,6 +87,7 @@ BEST = FrameSettings(
     changed=(),
     relocation=Relocation(rounds=3, trial=TrialSettings(4), splits=4),
     afresh_loss=0.5,
+    afresh=first_frame.BEST,
 )
 
 DAMPING_START = 0.05
@@ -116,7 +125,7 @@ def fit_next_frame(
         return FrameFit(_scaled(previous, 0.0), 0.0, 0.0)
     free = slots.free_tracks(previous, earlier)
     if float(previous.amplitude.max()) <= 0:
-        fresh = fit_first_frame(reference, count, previous.form, threads=threads)
+        fresh = fit_first_frame(reference, count, previous.form, settings.afresh, threads=threads)
         return _in_own_tracks(fresh, [-1] * fresh.lobes.count, previous, previous, free)
     before = _scaled(previous, 1 / _within_reach(frame.exposure, previous))
     tracks = torch.nonzero(~temporal.is_dark(before)).flatten()
@@ -142,8 +151,9 @@ def fit_next_frame(
     outcome = stepped(outcome, whole, levels, temporal.prior(outcome.lobes), width_min)
     loss = float(outcome.value)
     if loss > settings.afresh_loss and unlike > CHANGED * loss:
-        fresh = fit_first_frame(reference, count, previous.form, threads=threads)
-        if fresh.loss < AFRESH_GAIN * loss:
+        from_nothing = partial(fit_first_frame, reference, count, previous.form, threads=threads)
+        fresh = _if_better(from_nothing, settings.afresh, AFRESH_GAIN * loss)
+        if fresh is not None:
             return _in_own_tracks(fresh, [-1] * fresh.lobes.count, before, previous, free)
     fit = with_flux_of(
         temporal.blackened(light.with_amplitudes(outcome, whole).lobes[0]), frame, loss
@@ -153,6 +163,16 @@ def fit_next_frame(
     # new lobes come last, from no track
     origin = torch.nn.functional.pad(tracks, (0, len(stays) - len(tracks)), value=-1)[stays]
     return _in_own_tracks(fit, origin.tolist(), known, previous, free)
+
+
+def _if_better(
+    fitted: Callable[[FirstFrameSettings], FrameFit], settings: FirstFrameSettings, loss_max: float
+) -> FrameFit | None:
+    """Return a fit from nothing if its loss is below another; the cheapest one decides."""
+    quick = fitted(first_frame.FAST)
+    if quick.loss >= loss_max:
+        return None
+    return quick if settings is first_frame.FAST else fitted(settings)
 
 
 def _in_tracks(lobes: Lobes, tracks: Tensor, previous: Lobes) -> Lobes:
