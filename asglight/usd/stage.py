@@ -2,6 +2,7 @@
 """A stage: opened with one clear message where it cannot be, and its lobes found."""
 
 import itertools
+import math
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Ar, Sdf, Tf, Usd, UsdUtils, Vt
+from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from asglight.errors import InputError
 from asglight.images.latlong_image import read_header
@@ -92,6 +93,11 @@ def readable(path: str | Path | Usd.Stage) -> Iterator[None]:
         raise _unreadable(path, reason(error)) from error
     except (UnreadableError, DamagedValueError) as error:
         raise _unreadable(path, str(error)) from error
+    except UnexpectedError as error:
+        raise InputError(
+            f"{name_of(path)}: {error.found}; expected {error.expected}. "
+            "Was the stage written by asglight, and not edited since?"
+        ) from error
     except UnicodeDecodeError as error:
         raise _unreadable(path, "a text in it is not UTF-8") from error
     except OSError as error:
@@ -287,6 +293,32 @@ def image_file(resolved: str) -> Iterator[Path]:
             asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(resolved))
             copy.write_bytes(asset.GetBuffer() if asset else b"")
         yield copy
+
+
+class UnexpectedError(Exception):
+    """What a stage says of itself is nothing that it can be read with.
+
+    Attributes:
+        found: What it says.
+        expected: What it should say.
+    """
+
+    def __init__(self, found: str, expected: str) -> None:
+        """Take both halves of the message."""
+        super().__init__(found)
+        self.found, self.expected = found, expected
+
+
+def meters_per_unit(stage: Usd.Stage) -> float:
+    """Return the length of a unit.
+
+    Raises:
+        UnexpectedError: It is no length.
+    """
+    length = UsdGeom.GetStageMetersPerUnit(stage)
+    if not (math.isfinite(length) and length > 0):
+        raise UnexpectedError(f"metersPerUnit {length:g}", "a length above 0")
+    return length
 
 
 class DamagedValueError(Exception):

@@ -172,7 +172,9 @@ def _attribute_findings(attribute: Usd.Attribute, *, are_known: bool) -> Iterato
         yield from _asset_findings(attribute, times)
         is_key = attribute.GetPrim().GetParent().GetName() == schema.KEYS
         if attribute.GetPrim().GetTypeName() == schema.LIGHT_TYPES[Representation.CARDS]:
-            yield from _texture_findings(attribute, [] if is_key else times)
+            if times and not is_key:
+                yield "changes over time; expected one image for all frames"
+            yield from texture_findings(attribute, Usd.TimeCode.Default())
     elif schema.VALUE_TYPES.get(name) == attribute.GetTypeName() and not are_known:
         yield from _number_findings(attribute)
 
@@ -198,21 +200,19 @@ def _asset_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[st
             yield f"is {asset.path}{at}, which is not there; expected an image"
 
 
-def _texture_findings(attribute: Usd.Attribute, times: list[float]) -> Iterator[str]:
+def texture_findings(attribute: Usd.Attribute, code: Usd.TimeCode) -> Iterator[str]:
     """Report a texture with which a card has another flux than in a program that drops it."""
-    asset = attribute.Get()
-    if times:
-        yield "changes over time; expected one image for all frames"
+    asset = attribute.Get(code)
     stage = Path(attribute.GetStage().GetRootLayer().realPath)
     if asset is None or not _is_there(asset) or not may_open(stage, asset.resolvedPath):
         return
     with image_file(asset.resolvedPath) as path:
-        mean = _mean_light(attribute.GetPrim(), read_pixels(read_header(path)))
+        mean = _mean_light(attribute.GetPrim(), code, read_pixels(read_header(path)))
     if abs(mean - 1) > TEXTURE_MEAN:
         yield f"is {asset.path} of mean {mean:.4g}; expected 1, the flux of a card without it"
 
 
-def _mean_light(card: Usd.Prim, image: NDArray[np.float32]) -> float:
+def _mean_light(card: Usd.Prim, code: Usd.TimeCode, image: NDArray[np.float32]) -> float:
     """Return the mean of a card's texture; of a key's, by the solid angles of its texels.
 
     Of a wide card those differ; its texture leaves flux as it is from where it was made.
@@ -222,10 +222,10 @@ def _mean_light(card: Usd.Prim, image: NDArray[np.float32]) -> float:
         return float(rows.mean())
     high, wide = rows.shape
     y, x = (
-        (1 - 2 * (np.arange(count) + 0.5) / count) * card.GetAttribute(name).Get() / 2
+        (1 - 2 * (np.arange(count) + 0.5) / count) * card.GetAttribute(name).Get(code) / 2
         for count, name in ((high, schema.HEIGHT), (wide, schema.WIDTH))
     )
-    to_lobe = np.array(UsdGeom.Xformable(card).GetLocalTransformation())
+    to_lobe = np.array(UsdGeom.Xformable(card).GetLocalTransformation(code))
     origin = np.linalg.inv(to_lobe)[3, :3]  # seen from the card
     weight = ((x - origin[0]) ** 2 + (y - origin[1])[:, None] ** 2 + origin[2] ** 2) ** -1.5
     return float((rows * weight).sum() / weight.sum())

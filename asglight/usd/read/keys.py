@@ -15,7 +15,7 @@ from asglight.usd.options import KeyLights
 from asglight.usd.read.edited_lights import hidden_lobes, switched_off, with_key_edits
 from asglight.usd.read.placement import placement_of
 from asglight.usd.read.read_options import card_distance_of
-from asglight.usd.read.rest import Rest, read_rest
+from asglight.usd.read.rest import Rest, images_of, read_rest
 from asglight.usd.read.times import frame_numbers
 from asglight.usd.read.tracks import darkened, known_space, lobes_at, slants_at
 from asglight.usd.read.view import View
@@ -145,7 +145,5 @@ def held_keys(path: str | Path, rig: str | None = None) -> HeldKeys | None:
 
 
 def _textures(prim: Usd.Prim, frames: tuple[int, ...]) -> tuple[str, ...]:
-    attribute = prim.GetAttribute(schema.TEXTURE)
-    assets = [attribute.Get(frame) if attribute else None for frame in frames]
-    found = tuple(getattr(one, "resolvedPath", "") for one in assets)
+    found = images_of(prim, frames)
     return found if all(found) else ()

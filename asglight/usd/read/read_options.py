@@ -18,7 +18,9 @@ from asglight.usd.stage import (
     held_representations,
     image_height,
     lobe_prims,
+    meters_per_unit,
     open_rig,
+    readable,
     rig_data,
     show,
     shown_representation,
@@ -36,11 +38,12 @@ def read_options(path: str | Path, rig: str | None = None) -> StageOptions:
         rig: Path of the prim that holds the lobes, of a stage with several.
 
     Raises:
-        InputError: There is no such stage, or it holds no lobes.
+        InputError: There is no such stage, it holds no lobes, or a value is damaged.
     """
     stage, prim = open_rig(path, rig)
     stage.SetEditTarget(stage.GetSessionLayer())
-    return replace(options_of(prim), up_axis=str(UsdGeom.GetStageUpAxis(stage)))
+    with readable(path):
+        return replace(options_of(prim), up_axis=str(UsdGeom.GetStageUpAxis(stage)))
 
 
 def options_of(rig: Usd.Prim) -> StageOptions:
@@ -59,7 +62,7 @@ def options_of(rig: Usd.Prim) -> StageOptions:
         representations=representations or StageOptions.representations,
         distance=card_distance_of(rig),
         dome_height=_dome_height(rig),
-        meters_per_unit=UsdGeom.GetStageMetersPerUnit(rig.GetStage()),
+        meters_per_unit=meters_per_unit(rig.GetStage()),
         up_axis=space.up_axis,
         primary_path=str(rig.GetPath()),
         colorspace=space.colorspace,
@@ -70,7 +73,7 @@ def options_of(rig: Usd.Prim) -> StageOptions:
 
 def card_distance_of(rig: Usd.Prim) -> float:
     """Return how far the cards were from the origin when they were written, in stage units."""
-    usual = DISTANCE_M / UsdGeom.GetStageMetersPerUnit(rig.GetStage())
+    usual = DISTANCE_M / meters_per_unit(rig.GetStage())
     distance = rig_data(rig).get(schema.DISTANCE, usual)
     is_number = isinstance(distance, int | float) and math.isfinite(distance) and distance > 0
     return float(distance) if is_number else usual

@@ -4,6 +4,7 @@
 Symbols: F frames; H, W rows and columns of an image.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,6 +47,20 @@ class Rest:
     turns: Array
     changes: tuple[str, ...] = ()
 
+    def image(self, place: int) -> str:
+        """Return where the image of a frame is, of a rest that is not off.
+
+        Raises:
+            InputError: It is missing.
+        """
+        if not self.images[place]:
+            raise InputError(
+                f"{self.stage}: the image of the rest at frame {self.times[place]} is not there; "
+                "expected the folder of images beside the stage. Copy it with the stage, or cut "
+                "the keys anew: asglight keys STAGE --reference IMAGES."
+            )
+        return self.images[place]
+
     def radiance(self, place: int) -> Tensor:
         """Return the rest of a frame, in Rec.709 and with +Y up; black where it is off.  [H, W, 3].
 
@@ -57,13 +72,7 @@ class Rest:
         """
         if not self.images:
             return torch.zeros(2, 4, 3)
-        if not self.images[place]:
-            raise InputError(
-                f"{self.stage}: the image of the rest at frame {self.times[place]} is not there; "
-                "expected the folder of images beside the stage. Copy it with the stage, or cut "
-                "the keys anew: asglight keys STAGE --reference IMAGES."
-            )
-        with image_file(self.images[place]) as path:
+        with image_file(self.image(place)) as path:
             image = read_latlong(path).radiance
         if turn_words(self.turns[place : place + 1]):
             image = turned_image(image, self.turns[place])
@@ -83,15 +92,15 @@ def read_rest(view: View) -> Rest:
     to_709 = ocio.matrix(view.colorspace, ocio.REC709)
     light = to_709 @ (edits.light[..., None] * np.linalg.inv(to_709))
     words = (f"{dome.GetPath()}: {', '.join(edits.words)}",) if edits.words else ()
-    return Rest(stage, times, _images(view, dome), light, turns, words)
+    return Rest(stage, times, images_of(dome, times), light, turns, words)
 
 
-def _images(view: View, dome: Usd.Prim) -> tuple[str, ...]:
-    """Return the image of each frame; "" for one that is missing or not to be opened unasked."""
-    attribute = dome.GetAttribute(schema.TEXTURE)
-    stage = Path(view.rig.GetStage().GetRootLayer().realPath)
+def images_of(light: Usd.Prim, times: Sequence[int]) -> tuple[str, ...]:
+    """Return a light's image at each frame; "" where there is none or it is not opened unasked."""
+    attribute = light.GetAttribute(schema.TEXTURE)
+    stage = Path(light.GetStage().GetRootLayer().realPath)
     found = []
-    for time in view.times:
+    for time in times:
         asset = attribute.Get(time) if attribute else None
         # a damaged crate may hold a value of another type than it declares
         path = getattr(asset, "resolvedPath", "")

@@ -14,31 +14,17 @@ from pxr import Sdf, Usd
 
 from asglight.lobes.data import FRAMES_MAX
 from asglight.usd import schema
-from asglight.usd.stage import rig_data
+from asglight.usd.stage import UnexpectedError, rig_data
 
 WHOLE = 1e-6
 """How far from a whole number a time code may be: offsets are float64, of frames up to 1e6."""
-
-
-class NoFramesError(Exception):
-    """A stage has no frames that can be read.
-
-    Attributes:
-        found: What it has instead.
-        expected: What it should have.
-    """
-
-    def __init__(self, found: str, expected: str) -> None:
-        """Take both halves of the message."""
-        super().__init__(found)
-        self.found, self.expected = found, expected
 
 
 def frame_numbers(stage: Usd.Stage, rig: Usd.Prim, lobes: Iterable[Usd.Prim]) -> tuple[int, ...]:
     """Return the frames of a rig in its stage, ascending.
 
     Raises:
-        NoFramesError: There are none, or too many.
+        UnexpectedError: There are none that can be read, or too many.
     """
     samples = _samples(lobes)
     layer, offset = _written_in(rig)
@@ -46,10 +32,10 @@ def frame_numbers(stage: Usd.Stage, rig: Usd.Prim, lobes: Iterable[Usd.Prim]) ->
     end = _end(stage, layer, offset, "endTimeCode", max(samples, default=start))
     whole = "startTimeCode at or before endTimeCode, and a whole number from one to the other"
     if not (math.isfinite(start) and math.isfinite(end)) or not 0 <= end - start < FRAMES_MAX:
-        raise NoFramesError(f"frame range {start:g} to {end:g}", whole)
+        raise UnexpectedError(f"frame range {start:g} to {end:g}", whole)
     first, last = math.ceil(start - WHOLE), math.floor(end + WHOLE)
     if last < first:
-        raise NoFramesError(f"frame range {start:g} to {end:g}", whole)
+        raise UnexpectedError(f"frame range {start:g} to {end:g}", whole)
     listed = _listed(rig, offset, samples)
     if listed is None:
         return tuple(range(first, last + 1))
@@ -69,9 +55,9 @@ def _listed(rig: Usd.Prim, offset: Sdf.LayerOffset, samples: set[float]) -> list
         return None
     try:
         frames = sorted({float(offset * float(frame)) for frame in listed})
-    except (TypeError, ValueError) as error:
-        raise NoFramesError("damaged frames in the rig's custom data", "numbers") from error
-    rounded = [round(frame) for frame in frames]
+        rounded = [round(frame) for frame in frames]
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UnexpectedError("damaged frames in the rig's custom data", "numbers") from error
     are_whole = all(abs(frame - near) < WHOLE for frame, near in zip(frames, rounded, strict=True))
     ends = sorted({round(sample) for sample in samples} or set(rounded))
     are_met = (ends[0], ends[-1]) == (rounded[0], rounded[-1]) if rounded else False

@@ -26,7 +26,7 @@ from asglight.usd import schema
 from asglight.usd.read.edited_lights import hidden_lobes, with_light_edits
 from asglight.usd.read.placement import placement_of
 from asglight.usd.read.read_options import card_distance_of
-from asglight.usd.read.times import NoFramesError, frame_numbers
+from asglight.usd.read.times import frame_numbers
 from asglight.usd.read.unread import unread_of
 from asglight.usd.spaces import Space, in_colorspace, space_of
 from asglight.usd.stage import lobe_prims, name_of, numbers, open_rig, readable, rig_data
@@ -101,10 +101,7 @@ def _reading(path: str, stage: Usd.Stage, rig: Usd.Prim) -> Reading:
     fps = stage.GetTimeCodesPerSecond()
     if not (math.isfinite(fps) and fps > 0):
         _fail(path, f"{fps:g} time codes a second", "a rate above 0")
-    try:
-        times = frame_numbers(stage, rig, prims)
-    except NoFramesError as error:
-        _fail(path, error.found, error.expected)
+    times = frame_numbers(stage, rig, prims)
     space = known_space(path, rig)
     distance = card_distance_of(rig)
     lobes = lobes_at(path, prims, times)

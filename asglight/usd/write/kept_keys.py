@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The keys that a stage has, for one that is written anew: nothing is cut, images are copied."""
 
+import itertools
 import shutil
 from pathlib import Path
+
+from pxr import Usd
 
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
+from asglight.usd import schema
+from asglight.usd.check.lint import texture_findings
 from asglight.usd.read.keys import held_keys
 from asglight.usd.read.placement import turn_words
+from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space
-from asglight.usd.stage import image_file
+from asglight.usd.stage import image_file, lobe_prims, open_rig, readable, show
 from asglight.usd.write.keys import WrittenKeys
 
 
@@ -24,11 +30,13 @@ class KeptKeys:
             path: A stage that has keys.
 
         Raises:
-            InputError: Its rest was changed, which the images that are copied do not show.
+            InputError: Its rest was changed, which the images that are copied do not show; or a key
+                has pixels that are none of its lamp.
         """
         found = held_keys(path)
         assert found is not None
         self._keys, self._lights, self._textures = found.keys, found.lights, found.textures
+        _check_textures(path)
         rest = found.keys.rest
         changes = [*rest.changes, *turn_words(rest.turns)]
         if changes:
@@ -41,7 +49,8 @@ class KeptKeys:
     def write(self, tracks: LobeTracks, folder: Path, stem: str, space: Space) -> WrittenKeys:
         """Copy the images of rest and textures; arguments as of `keys.KeySource`."""
         written = self.planned(tracks, folder, stem)
-        sources = [*self._keys.rest.images, *(path for own in self._textures for path in own)]
+        rest = [self._keys.rest.image(place) for place in range(len(written.rest))]
+        sources = [*rest, *(path for own in self._textures for path in own)]
         targets = [*written.rest, *(path for own in written.textures for path in own)]
         for target, source in dict(zip(targets, sources, strict=True)).items():
             with image_file(source) as image:
@@ -68,3 +77,23 @@ class KeptKeys:
         document = tracks.metadata.get("keys", {})
         called = {} if keys is None else keys.display_names
         return WrittenKeys(names, lobes, rest, tuple(textures), self._lights, document, called)
+
+
+def _check_textures(path: str | Path) -> None:
+    """Check that pixels of lamps leave the flux of their keys as it is."""
+    stage, rig = open_rig(path)
+    stage.SetEditTarget(stage.GetSessionLayer())
+    show(rig, Representation.KEYS)
+    with readable(path):
+        for key in lobe_prims(rig, schema.KEYS):
+            attribute = key.GetAttribute(schema.TEXTURE)
+            times = attribute.GetTimeSamples() if attribute else []
+            first: dict[str, Usd.TimeCode] = {}  # where each image is as it was made
+            for code in map(Usd.TimeCode, times):
+                first.setdefault(str(attribute.Get(code)), code)
+            findings = (texture_findings(attribute, code) for code in first.values())
+            for finding in itertools.chain.from_iterable(findings):
+                raise InputError(
+                    f"{shown(path)}: the texture of {key.GetName()} {finding}. Undo that, or cut "
+                    f"the keys anew: asglight keys {shown(path)} --reference IMAGES."
+                )

@@ -259,6 +259,50 @@ def test_a_rest_that_was_dimmed_elsewhere_is_not_copied_as_it_was(cut, tmp_path,
     assert "the rest was changed (/AsgRig/Rest: light x 0.5)" in capsys.readouterr().err
 
 
+def test_an_image_of_the_rest_that_is_gone_is_told_as_such(cut, tmp_path, capsys) -> None:
+    keyed = copied(cut[0], tmp_path)
+    (tmp_path / "keyed_dome" / "keyed.rest.0002.exr").unlink()
+    assert run("export", keyed, "--to", "dome", "-o", tmp_path / "more.usda") == 2
+    assert "the image of the rest at frame 2 is not there" in capsys.readouterr().err
+    assert not (tmp_path / "more.usda").exists()
+
+
+@pytest.fixture(scope="module")
+def textured(folder: Path) -> Path:
+    """A stage whose keys have the pixels of their lamps: to be copied."""
+    words = ["--reference", folder / "sky.#.exr", "-o", folder / "textured.usda", "--keys-texture"]
+    said("keys", folder / "sky.usda", *words, "--representations", "keys")
+    return folder / "textured.usda"
+
+
+def test_pixels_of_a_key_that_were_replaced_are_told(textured, tmp_path, capsys) -> None:
+    keyed = copied(textured, tmp_path)
+    pixels = next((tmp_path / "textured_dome").glob("textured.key_*.exr"))
+    write_exr(pixels, torch.full((8, 16, 3), 7.0))
+    assert run("export", keyed, "--to", "dome", "-o", tmp_path / "more.usda") == 2
+    said_of_it = capsys.readouterr().err
+    assert f"the texture of {pixels.name.split('.')[1]} is ./textured_dome/" in said_of_it
+    assert "of mean 7; expected 1" in said_of_it
+
+
+def test_pixels_outside_the_folder_of_a_stage_are_not_copied(textured, tmp_path) -> None:
+    (tmp_path / "in").mkdir()
+    keyed = copied(textured, tmp_path / "in")
+    secret = tmp_path / "secret.exr"
+    write_exr(secret, torch.ones(8, 16, 3))
+    stage = Usd.Stage.Open(str(keyed))
+    for key in stage.GetPrimAtPath("/AsgRig/Keys").GetChildren():
+        attribute = key.GetAttribute("inputs:texture:file")
+        attribute.Clear()
+        attribute.Set(str(secret))
+    stage.Save()
+    more = tmp_path / "in" / "more.usda"
+    assert run("export", keyed, "--to", "dome", "-o", more) == 0
+    copies = [data for data in contents(tmp_path / "in").values() if data == secret.read_bytes()]
+    assert copies == []
+    assert lint_stage(more) == []
+
+
 def fitted_here(shots: Sequence[Shot], *_: object, **__: object) -> list[str]:
     """Fit shots as a farm does, in this process."""
     for shot in shots:

@@ -5,11 +5,13 @@ import re
 from pathlib import Path
 
 import pytest
-from pxr import Gf, Sdf, Usd
+from pxr import Gf, Sdf, Usd, Vt
 from usd_tracks import edited, moving, write_every
 
 from asglight.errors import InputError
 from asglight.usd import read_usd, write_usd
+from asglight.usd.read.between import samples_between
+from asglight.usd.read.read_options import read_options
 
 LOBE = "/AsgRig/Lobes/lobe_01"
 
@@ -124,6 +126,14 @@ DAMAGES = {
     ),
     "rate": (lambda la: setattr(la, "timeCodesPerSecond", 0.0), "0 time codes a second"),
     "huge": (lambda la: setattr(la, "endTimeCode", 1e9), r"frame range 1001 to 1e\+09"),
+    "unit": (
+        lambda la: la.pseudoRoot.SetInfo("metersPerUnit", 0.0),
+        "metersPerUnit 0; expected a length above 0",
+    ),
+    "endless frames": (
+        custom(frames=Vt.DoubleArray([1001.5, NAN, float("inf")])),
+        "damaged frames in the rig's custom data; expected numbers",
+    ),
     "no frames": (custom(frames="all"), "damaged frames in the rig's custom data"),
     "version": (custom(version=2), "layout version 2; expected a number up to 1"),
     "no version": (
@@ -168,3 +178,18 @@ def test_a_stage_by_others_is_told_by_what_it_holds(lights, found, tmp_path):
     message = str(caught.value)
     assert message.startswith(f"{path}: {found}")
     assert message.endswith("Fit the environment's images: asglight fit INPUT -o STAGE.")
+
+
+def test_damaged_metadata_is_told_alike_whatever_is_read(sound):
+    edits = {
+        "metersPerUnit 0; expected a length above 0": DAMAGES["unit"][0],
+        "frame range 1001 to 1000; expected": DAMAGES["range"][0],
+    }
+    before = sound.read_bytes()
+    for message, edit in edits.items():
+        path = edited(sound, edit)
+        try:
+            with pytest.raises(InputError, match=re.escape(message)):
+                (samples_between if "range" in message else read_options)(path)
+        finally:
+            sound.write_bytes(before)
