@@ -18,9 +18,14 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
+from asglight.errors import InputError
+
 FRAMES_MAX = 1_000_000
 """Of a shot: eleven hours at 24 frames a second. A range beyond it is damage, and would fill the
 memory."""
+
+FRAME_MAX = 2**31 - 1
+"""The largest frame number: USD holds whole numbers of 32 bits."""
 
 SLANT = 7
 """Numbers of a lobe's slant."""
@@ -218,6 +223,25 @@ def first_unused(names: Iterable[str], kind: str = "lobe") -> int:
     """Return the number after the highest one that names a lobe, or another kind."""
     numbered = (re.fullmatch(rf"{kind}_(\d+)", name) for name in names)
     return max((int(match[1]) + 1 for match in numbered if match), default=0)
+
+
+def check_frames(frames: Sequence[int]) -> None:
+    """Refuse frame numbers that a stage cannot have.
+
+    Raises:
+        InputError: They are too far apart, or have more digits than USD holds.
+    """
+    first, last = frames[0], frames[-1]
+    if max(-first, last) > FRAME_MAX:
+        raise InputError(
+            f"frames: {first} to {last}; expected numbers up to {FRAME_MAX:,}. Are they times? "
+            "Number the images anew."
+        )
+    if last - first >= FRAMES_MAX:
+        raise InputError(
+            f"frames: {first} to {last}; expected fewer than {FRAMES_MAX:,} from the first to the "
+            "last. Write them to stages of their own with --frames."
+        )
 
 
 @dataclass(frozen=True)

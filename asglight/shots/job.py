@@ -21,6 +21,7 @@ from asglight.images.message import shown
 from asglight.images.options import LOST_MAX, Eye, ReadOptions
 from asglight.images.sequence import Missing
 from asglight.lobes import Form, LobeTracks
+from asglight.lobes.data import check_frames
 from asglight.lobes.identity.naming import named_as
 from asglight.shots.conditioning import with_condition
 from asglight.shots.events import Event, FrameDone, Notice, OnProgress, ignore
@@ -123,6 +124,7 @@ def fit_shot(
     sequence = open_sequence(
         source, frames=frames, missing=missing, height=FIT_HEIGHT, reading=reading
     )
+    check_frames(sequence.frames)
     check_preroll(options, sequence.frames[0])
     keying = keys and _keying(source, frames, missing, reading, keys)
     options = options.settled(len(sequence.frames))

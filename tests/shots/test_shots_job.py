@@ -309,3 +309,13 @@ def test_a_stage_beside_whose_images_would_go_is_told_before_anything_is_read(
     distant = StageOptions(representations=("distant",))
     with pytest.raises(InputError, match="no such file"):
         fit_shot(tmp_path / "no such file", tmp_path / "shot.usda", stage=distant)
+
+
+def test_frames_that_a_stage_cannot_have_are_told_before_the_first_is_fitted(
+    tmp_path: Path, output: Path
+) -> None:
+    sky_files.write_sequence(tmp_path / "times", [1700000000000, 1700000000040])
+    events: list[Event] = []
+    with pytest.raises(InputError, match="Are they times"):
+        fit_shot(tmp_path / "times", output, on_progress=events.append)
+    assert not any(isinstance(event, FrameDone) for event in events)

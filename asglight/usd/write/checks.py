@@ -12,7 +12,7 @@ from pxr import Sdf
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
-from asglight.lobes.data import Lobes
+from asglight.lobes.data import Lobes, check_frames
 from asglight.usd.options import check_stage_name, image_folder, stages_beside
 from asglight.usd.stage import open_stage
 
@@ -105,6 +105,7 @@ def check_tracks(tracks: LobeTracks) -> None:
         )
     if not (math.isfinite(tracks.fps) and tracks.fps > 0):
         raise InputError(f"fps: {tracks.fps}; expected a finite number above 0.")
+    check_frames(tracks.frames)
     low, high = SHARPNESS_RANGE
     sharp = (lobes.sharpness >= low) & (lobes.sharpness <= high)
     _check_lobes(tracks, "sharpness", sharp, lobes.sharpness, f"from {low:g} to {high:g}")

@@ -160,6 +160,15 @@ def export(layer: Sdf.Layer, place: Path) -> None:
         raise OSError(None, "USD could not save the layer")
 
 
+def _to_disk(path: Path) -> None:
+    """Wait until a file, or what files a folder has, is on disk: power may fail at any time."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def root_layer(place: Path) -> Path:
     """Return where the layer of a stage is written: a package's is a crate beside it."""
     return place.with_suffix(".usdc") if place.suffix.lower() == ".usdz" else place
@@ -197,9 +206,13 @@ def move_into_place(
     if textures:
         folder.mkdir(exist_ok=True)
     images = [folder / texture.name for texture in textures]
+    for file in (*textures, place):
+        _to_disk(file)
     for texture, image in zip(textures, images, strict=True):
         os.replace(texture, image)
     os.replace(place, path)
+    for place_of_names in {folder, path.parent} if textures else {path.parent}:
+        _to_disk(place_of_names)
     files = (path, *images)
     size = sum(file.stat().st_size for file in files)
     return WriteReport(files, size, author.written, author.between, author.left_out, keys)

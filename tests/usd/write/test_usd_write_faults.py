@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What cannot be written is refused in one line, and nothing that was there is damaged."""
 
+import itertools
 import math
 import os
 import signal
@@ -40,6 +41,46 @@ def refused(*arguments, **options) -> str:
 def test_a_target_that_cannot_be_is_named(name, message, tmp_path):
     assert message in refused(still(), tmp_path / name)
     assert contents(tmp_path) == {}
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (
+            (1700000000000, 1700000000040),
+            "frames: 1700000000000 to 1700000000040; expected numbers",
+        ),
+        ((-(2**31), 1), "Are they times? Number the images anew."),
+        ((0, 1_000_000), "frames: 0 to 1000000; expected fewer than 1,000,000 from the first to"),
+    ],
+)
+def test_frames_that_a_stage_cannot_have_are_named(frames, message, tmp_path):
+    assert message in refused(moving(frames), tmp_path / "shot.usda")
+    assert contents(tmp_path) == {}
+
+
+def test_the_largest_frames_are_written_and_read(tmp_path):
+    frames = (2**31 - 3, 2**31 - 1)
+    write_usd(moving(frames), tmp_path / "shot.usda", representations=("distant",))
+    assert read_usd(tmp_path / "shot.usda").frames == frames
+
+
+def test_files_and_their_folders_are_on_disk_before_the_checkpoint_goes(tmp_path, monkeypatch):
+    synced = []
+    fsync = os.fsync
+
+    def told(descriptor):
+        synced.append(os.readlink(f"/proc/self/fd/{descriptor}"))
+        fsync(descriptor)
+
+    if not os.path.isdir("/proc/self/fd"):
+        pytest.skip("the system does not tell which file a descriptor is of")
+    monkeypatch.setattr(os, "fsync", told)
+    report = write_usd(of_every_kind([1, 2]), tmp_path / "shot.usda")
+    assert {Path(path).name for path in synced} >= {path.name for path in report.files}
+    assert synced[-2:] in (
+        [a, b] for a, b in itertools.permutations(map(str, {tmp_path, tmp_path / "shot_dome"}))
+    )
 
 
 def test_a_folder_in_the_place_of_the_stage_is_named(tmp_path):
