@@ -15,7 +15,7 @@ from asglight.shots.conditioning import with_condition
 from asglight.shots.events import OnProgress, Started, ignore
 from asglight.shots.frames import frame_done
 from asglight.shots.job import form_named, preset_named
-from asglight.shots.kept.records import FrameRecord
+from asglight.shots.kept.records import FrameRecord, repeated_by
 from asglight.shots.refining import refined_by
 from asglight.shots.settings import check_fps, check_options
 from asglight.shots.tracks import tracks_of
@@ -106,7 +106,7 @@ def _fitted(
             repair=frame.repair,
             stamp=(0, 0),
             seconds=0.0,
-            repeats=None if is_new else records[-1].repeats or records[-1].frame,
+            repeats=None if is_new else repeated_by(records[-1]),
         )
         records.append(record)
         on_progress(frame_done(records, 0, count))

@@ -103,8 +103,7 @@ class Refined:
 
     Attributes:
         done: Frames read once more so far.
-        frames: How many will be: those of the shot that repeat no other, and with `best` each of
-            them twice.
+        frames: How many will be: those of the shot that repeat no other.
     """
 
     done: int

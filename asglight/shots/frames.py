@@ -17,7 +17,7 @@ from asglight.images.message import shown
 from asglight.lobes import Lobes
 from asglight.shots.events import FrameDone, OnProgress, StepDone
 from asglight.shots.kept.kept_frames import KeptFrames
-from asglight.shots.kept.records import FrameRecord, own_frames
+from asglight.shots.kept.records import FrameRecord, own_frames, repeated_by
 from asglight.shots.reading import ReadFrame, read_ahead
 
 RADIANCE_MAX = 1e36
@@ -93,7 +93,7 @@ def _repeated(frame: int, read: ReadFrame, last: FrameRecord, begin: float) -> F
         repair=read.image.repair,
         stamp=read.stamp,
         seconds=time.perf_counter() - begin,
-        repeats=last.frame if last.repeats is None else last.repeats,
+        repeats=repeated_by(last),
     )
 
 

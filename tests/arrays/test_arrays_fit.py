@@ -13,6 +13,7 @@ from asglight.arrays.radiance import prepared
 from asglight.errors import InputError
 from asglight.images import read_latlong
 from asglight.lobes import LobeTracks
+from asglight.shots.events import Event, FrameDone
 
 FRAMES = range(1001, 1006)
 NOT_OF_FILES = ("source", "image", "missing", "layer", "eye", "input_colorspace")
@@ -125,3 +126,10 @@ def test_a_tensor_on_a_gpu_is_fitted_there() -> None:
     found = asglight.fit(torch.from_numpy(frames()[0]).cuda(), lobes=2)
     assert found.metadata["device"].startswith("cuda")
     assert found.lobes.axes.device.type == "cpu"
+
+
+def test_frames_that_repeat_frame_0_say_so() -> None:
+    events: list[Event] = []
+    radiance = np.stack([sky_files.sky(1001, 16)] * 3)
+    asglight.fit(radiance, lobes=2, preset="live", first_frame=0, on_progress=events.append)
+    assert [one.repeats for one in events if isinstance(one, FrameDone)] == [None, 0, 0]

@@ -81,6 +81,16 @@ def test_a_shot_whose_parts_would_not_fit_together_is_not_cut(
         assert part.shot.options == options
 
 
+def test_a_shot_with_a_gap_is_one_part(shot: Shot) -> None:
+    """A preroll goes by the step of a part, and would ask for frames that were left out."""
+    gap = replace(shot, frames="1001-1006,1010-1016")
+    with Parts(gap, 8, resume=False, on_progress=ignore) as parts:
+        assert len(parts.parts) == 1
+    with Parts(replace(shot, frames="1001-1016x2"), 8, resume=False, on_progress=ignore) as parts:
+        assert len(parts.parts) == 1  # of eight frames
+        assert parts.frames == 8
+
+
 def test_finished_parts_are_kept_or_told(shot: Shot) -> None:
     begin(shot)
     assert begin(shot, resume=True) == []

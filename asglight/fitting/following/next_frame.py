@@ -76,6 +76,8 @@ FAST = FrameSettings(
     afresh_loss=0.5,
     afresh=first_frame.FAST,
 )
+"""A trial only has to tell that J will be lower. With three companions, lamps in a tunnel are
+followed in three quarters of the time, but flicker by a quarter more."""
 
 BEST = FrameSettings(
     coarse=(Level(4, Corners(0.3, 0.02)),),

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting.loss import lobe_images, objective
-from asglight.fitting.steps import newton
+from asglight.fitting.steps import neighbours, newton
 from asglight.lobes import Lobes
 
 
@@ -29,11 +29,6 @@ class TrialSettings:
 
     steps: int
     companions: int | None = None
-
-
-THOROUGH = TrialSettings(4)
-"""For a trial only has to tell that J will be lower. With three companions `fast` follows lamps in
-a tunnel in three quarters of the time, but flickers by a quarter more."""
 
 
 def compete(
@@ -63,20 +58,17 @@ def compete(
         found = newton.minimise(trials, many, settings.steps, damping=damping, width_min=width_min)
         return found.lobes, found.value
     shown = lobe_images.images(trials, many.places)
-    each = torch.arange(len(indices), device=trials.axes.device)[:, None]
-    moving = each, _together(shown, many, indices, settings.companions + 1)
-    some = shown.light[moving].mT @ shown.values[moving]
+    moving = _together(shown, many, indices, settings.companions + 1)
+    light = neighbours.pick(shown.light, moving, 3)
+    some = light.mT @ neighbours.pick(shown.values, moving, shown.values.shape[-1])
     found = newton.minimise(
-        _of(trials, moving),
+        neighbours.some(trials, moving),
         objective.less(many, shown.radiance - some),
         settings.steps,
         damping=damping,
         width_min=width_min,
     )
-    result = trials.clone()
-    result.axes[moving], result.sharpness[moving] = found.lobes.axes, found.lobes.sharpness
-    result.amplitude[moving] = found.lobes.amplitude
-    return result, found.value
+    return neighbours.put(trials, moving, found.lobes), found.value
 
 
 def _together(
@@ -97,8 +89,3 @@ def _together(
     alike = (sent / norm) @ there  # [F, N], over the norm of `there`, which is the same for all
     alike[rows, own] = torch.inf
     return alike.topk(count, dim=-1).indices.sort(-1).values
-
-
-def _of(lobes: Lobes, index: tuple[Tensor, Tensor]) -> Lobes:
-    """Return some lobes of each frame, others in each.  [F, N, .] -> [F, K, .]."""
-    return Lobes(lobes.axes[index], lobes.sharpness[index], lobes.amplitude[index], lobes.form)

@@ -133,6 +133,11 @@ def number(value: Any) -> float:
     return float(whole(value))
 
 
+def repeated_by(last: FrameRecord) -> int:
+    """Return which frame one repeats that shows what the last one shows."""
+    return last.frame if last.repeats is None else last.repeats
+
+
 def own_frames(records: list[FrameRecord]) -> list[FrameRecord]:
     """Return the frames that repeat no other."""
     return [record for record in records if record.repeats is None]

@@ -73,7 +73,7 @@ class Shot:
         missing: What stands in for a missing or damaged frame.
         reading: How the images are read.
         stage: How the stage is written.
-        names_from: Stage whose lights keep their names; None for the one written over.
+        names_from: Stage whose lights keep their names; None for none.
     """
 
     source: str
@@ -139,7 +139,8 @@ class Parts:
         sequence = opened(shot)
         self.shot, self.name = shot, sequence.name
         self.folder = output.with_name(output.name + SUFFIX)
-        pieces = [sequence.frames] if not is_cut(shot.options) else cut(sequence.frames, length)
+        whole = not is_cut(shot.options) or not is_even(sequence.frames)
+        pieces = [sequence.frames] if whole else cut(sequence.frames, length)
         first = None if len(pieces) == 1 else sequence.frames[0]
         self.parts = [self._part(piece, first) for piece in pieces]
         self.frames = sum(map(len, pieces))
@@ -265,6 +266,11 @@ def is_cut(options: FitOptions) -> bool:
     follow each other.
     """
     return options.tolerance is None and options.preset is not Preset.PAPER
+
+
+def is_even(frames: tuple[int, ...]) -> bool:
+    """Tell whether a preroll finds the frames before a part by the part's own step."""
+    return len({after - before for before, after in itertools.pairwise(frames)}) <= 1
 
 
 def cut(frames: tuple[int, ...], length: int) -> list[tuple[int, ...]]:
