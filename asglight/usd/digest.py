@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd
 
 from asglight.usd import schema
-from asglight.usd.stage import numbers
+from asglight.usd.stage import numbers, sampled_values
 
 
 def digest_of_values(tracks: Iterable[NDArray[np.float32]]) -> str:
@@ -36,10 +36,8 @@ def digest_of_prim(lobe: Usd.Prim) -> str:
         attribute = lobe.GetAttribute(name)
         if name in schema.SLANT_TRACKS and not attribute:
             continue
-        query = Usd.AttributeQuery(attribute)
-        found = [query.Get(), *map(query.Get, attribute.GetTimeSamples())]
-        present = [value for value in found if value is not None]
-        tracks.append(numbers(present, schema.VALUE_TYPES[name]).astype(np.float32))
+        found = numbers(sampled_values(attribute), schema.VALUE_TYPES[name])
+        tracks.append(found.astype(np.float32))
     return digest_of_values(tracks)
 
 
