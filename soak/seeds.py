@@ -61,11 +61,12 @@ def write_corpus(folder: Path) -> None:
     folder.mkdir(exist_ok=True)
     _write_images(folder)
     shot = tracks()
-    for suffix in ("usda", "usdc", "usdz"):
+    # stages that differ in their extension only would have one folder of images
+    for ending in (".usda", "_crate.usdc", ".usdz"):
         for representation in ("distant", "cards"):
             write_usd(
                 shot,
-                folder / f"{representation}.{suffix}",
+                folder / f"{representation}{ending}",
                 representations=(representation, "dome"),
                 dome_height=2,
             )

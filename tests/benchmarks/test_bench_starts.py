@@ -16,7 +16,7 @@ from asglight.judging.metrics import frame_errors
 starts = module("steps.starts")
 
 
-def test_a_row_is_a_geometric_mean_over_the_first_effort() -> None:
+def test_a_row_is_a_geometric_mean_over_the_first_settings() -> None:
     names = ("J", *starts.METRICS)
     ours = [
         dict.fromkeys(names, 2.0) | {"seconds": 1.0},
@@ -25,16 +25,16 @@ def test_a_row_is_a_geometric_mean_over_the_first_effort() -> None:
     theirs = [row | {"r0.5": 3 * row["r0.5"]} for row in ours]
     theirs[1] = theirs[1] | {"env": 4.0, "seconds": 4.0}
     head, rule, first, second = starts.table({"fast": ours, "other": theirs}).splitlines()
-    assert head == "| effort | J | env | irr | irrMax | r0.5 | r0.25 | s |"
+    assert head == "| settings | J | env | irr | irrMax | r0.5 | r0.25 | s |"
     assert len(rule.split("|")) == len(head.split("|"))
     assert first == "| fast | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.5 |"
     assert second == "| other | 1.00 | 2.00 | 1.00 | 1.00 | 3.00 | 1.00 | 2.5 |"
 
 
-def test_the_first_effort_is_that_of_fast_and_each_other_differs() -> None:
-    assert next(iter(starts.EFFORTS.values())) is FAST
-    efforts = list(starts.EFFORTS.values())
-    assert all(efforts.count(each) == 1 for each in efforts)
+def test_the_first_settings_are_those_of_fast_and_each_other_differs() -> None:
+    assert next(iter(starts.SETTINGS.values())) is FAST
+    every = list(starts.SETTINGS.values())
+    assert all(every.count(each) == 1 for each in every)
 
 
 def test_a_fit_is_judged_as_the_judge_does() -> None:
@@ -51,18 +51,18 @@ def test_maps_are_turned_by_texels_alone(
 ) -> None:
     given: list[torch.Tensor] = []
 
-    def noted(reference: torch.Tensor, effort: FirstFrameSettings) -> dict[str, float]:
+    def noted(reference: torch.Tensor, settings: FirstFrameSettings) -> dict[str, float]:
         given.append(reference)
         return dict.fromkeys(("J", "seconds", *starts.METRICS), 1.0)
 
     write_exr(tmp_path / "sky.exr", sky_and_sun(30.0, 16))
     monkeypatch.setattr(starts, "measured", noted)
     assert starts.main(["--maps", str(tmp_path)]) == 0
-    assert len(given) == 3 * len(starts.EFFORTS)
+    assert len(given) == 3 * len(starts.SETTINGS)
     for turned in given[1:3]:
         assert not torch.equal(turned, given[0])
         assert any(torch.equal(turned, given[0].roll(by, dims=1)) for by in range(1, 32))
-    assert capsys.readouterr().out.startswith("| effort |")
+    assert capsys.readouterr().out.startswith("| settings |")
 
 
 def test_an_empty_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -42,7 +42,8 @@ def quiet(items: Iterable[Any], label: str, count: int) -> Iterator[Any]:
 def plain_balls(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let balls show the mean of their map, and fits be brief: stand-ins for a minute of work."""
     brief = replace(FAST, spreads_deg=FAST.spreads_deg[:1], levels=(replace(LAST, steps=4),))
-    monkeypatch.setitem(sequence._FIRST_FRAME, Preset.FAST, brief)
+    settings = replace(sequence._SETTINGS[Preset.FAST], afresh=brief)
+    monkeypatch.setitem(sequence._SETTINGS, Preset.FAST, settings)
 
     def render(maps: Tensor, roughness: tuple[float, ...], *, size: int) -> Tensor:
         mean = maps.mean((1, 2))[:, None, None, None]
