@@ -56,7 +56,11 @@ class Here:
         return read_header(path, reading)
 
     def pixels(self, header: Header, height: int) -> tuple[np.ndarray, Tally]:
-        """Decode, repair and average the image."""
+        """Decode, repair and average the image.
+
+        Raises:
+            DamagedError: As `reduced_strips`; or it has other rows than its header says.
+        """
         from asglight.images.decoding.strips import reduced_strips
 
         result, row = np.empty((height, 2 * height, 3), np.float32), 0
@@ -65,9 +69,11 @@ class Here:
             try:
                 rows = next(strips)
             except StopIteration as end:
+                _check_rows(header, row, height)
                 return result, end.value
-            result[row : row + len(rows)] = rows
             row += len(rows)
+            if row <= height:
+                result[row - len(rows) : row] = rows
 
 
 class Elsewhere:
@@ -108,10 +114,11 @@ class Elsewhere:
             while (reply := _checked(process.reply(), header.path))["rows"]:
                 rows = reply["rows"]
                 values = np.frombuffer(memory, np.float32, rows * 6 * height, number % SLOTS * slot)
-                result[row : row + rows] = values.reshape(rows, 2 * height, 3)
                 number, row = number + 1, row + rows
+                if row <= height:
+                    result[row - rows : row] = values.reshape(rows, 2 * height, 3)
                 process.tell({})  # a slot is free
-        assert row == height, (row, header)
+            _check_rows(header, row, height)
         tally = reply["tally"]
         return result, Tally(**tally | {"first": tally["first"] and tuple(tally["first"])})
 
@@ -157,6 +164,16 @@ class Elsewhere:
 
 HERE = Here()
 APART = Elsewhere()
+
+
+def _check_rows(header: Header, rows: int, height: int) -> None:
+    """Refuse an image of which other rows came than its header says.
+
+    Raises:
+        DamagedError: They are more or fewer.
+    """
+    if rows != height:
+        raise unreadable(header.path, f"{rows} of {height} rows came")
 
 
 def _checked(reply: dict[str, Any], path: Path) -> dict[str, Any]:

@@ -86,20 +86,18 @@ def read_strips(header: Header, *, is_quiet: bool = False) -> Iterator[Planes]:
     """
     with opened(header.path) as reader:
         spec = reader.spec(header.layer.part, 0)
+        windows = _upright_windows(spec, header.axes)
+        columns = _columns_shown(header, windows)
         if header.axes == ("-Y", "+X"):
-            columns = _columns_shown(header, spec)
             with contextlib.ExitStack() as stack:
                 chunks = _chunks(reader, spec, header) if is_quiet else None
                 if chunks is not None:
                     stack.callback(chunks.close)
                 yield from _displayed(_decoded(reader, spec, header, chunks), spec, header, columns)
-        else:  # an old Radiance file of which any row may hold the top: turned as a whole
-            stored = _rows(reader, spec, header, spec.y, spec.y + spec.height)
-            (left, up), (columns, rows) = header.corner, (header.width, header.height)
-            upright = _upright(np.stack(stored, axis=-1), header.axes)
-            upright = upright[up : up + rows, left : left + columns]
-            for top in range(0, header.height, STRIP_ROWS):
-                yield _planes(upright[top : top + STRIP_ROWS])
+        else:  # any stored row may hold the top: the data window is turned as a whole
+            turned = _turned(_rows(reader, spec, header, spec.y, spec.y + spec.height), header.axes)
+            strips = _strips(turned, windows, _rows_shown(header, windows))
+            yield from _displayed(strips, windows, header, columns)
 
 
 def _chunks(
@@ -146,6 +144,24 @@ def _decoded(
         yield begin, planes or _rows(reader, spec, header, begin, after)
 
 
+def _strips(
+    planes: Planes, windows: OpenImageIO.ImageSpec, shown_rows: tuple[int, int]
+) -> Iterator[tuple[int, Planes]]:
+    """Yield those strips of an upright data window that have rows of the image, as `_decoded`.
+
+    Args:
+        planes: The data window.  [h, w]
+        windows: As `_upright_windows`.
+        shown_rows: As `_rows_shown`.
+    """
+    first = max(shown_rows[0], windows.y)
+    end = min(shown_rows[1], windows.y + windows.height)
+    for begin in range(first, end, STRIP_ROWS):
+        rows = slice(begin - windows.y, min(begin + STRIP_ROWS, end) - windows.y)
+        red, green, blue = (np.ascontiguousarray(plane[rows]) for plane in planes)
+        yield begin, (red, green, blue)
+
+
 def _displayed(
     decoded: Iterator[tuple[int, Planes]],
     spec: OpenImageIO.ImageSpec,
@@ -156,7 +172,7 @@ def _displayed(
 
     Args:
         decoded: The strips that have rows of it, as `_decoded`.
-        spec: Of the layer's part.
+        spec: Has the windows, upright.
         header: The image.
         columns: As `_columns_shown`.
     """
@@ -286,8 +302,33 @@ def _columns_shown(header: Header, spec: OpenImageIO.ImageSpec) -> tuple[slice, 
     return columns, slice(columns.start - left, columns.stop - left)
 
 
+def _turned(planes: Planes, axes: tuple[str, str]) -> Planes:
+    """Turn stored pixels so that row 0 is the top and column 0 the left, without a copy."""
+    red, green, blue = (_upright(plane, axes) for plane in planes)
+    return red, green, blue
+
+
 def _upright(values: np.ndarray, axes: tuple[str, str]) -> np.ndarray:
-    """Turn stored pixels so that row 0 is the top and column 0 the left."""
     turned = values.swapaxes(0, 1) if axes[0].endswith("X") else values
     turned = turned[::-1] if "+Y" in axes else turned
-    return np.ascontiguousarray(turned[:, ::-1] if "-X" in axes else turned)
+    return turned[:, ::-1] if "-X" in axes else turned
+
+
+def _upright_windows(spec: OpenImageIO.ImageSpec, axes: tuple[str, str]) -> OpenImageIO.ImageSpec:
+    """Return the two windows as they lie when the image stands upright, and nothing else.
+
+    Args:
+        spec: Where they lie among the stored rows.
+        axes: How those are stored.
+    """
+    if axes == ("-Y", "+X"):
+        return spec
+    left, top = spec.x - spec.full_x, spec.y - spec.full_y
+    (width, height), full = (spec.width, spec.height), (spec.full_width, spec.full_height)
+    if axes[0].endswith("X"):
+        left, top, width, height, full = top, left, height, width, full[::-1]
+    windows = OpenImageIO.ImageSpec(width, height, spec.nchannels, OpenImageIO.FLOAT)
+    windows.full_width, windows.full_height = full
+    windows.x = full[0] - left - width if "-X" in axes else left
+    windows.y = full[1] - top - height if "+Y" in axes else top
+    return windows

@@ -2,6 +2,7 @@
 """Images that are larger than a strip are read as if they were decoded at once."""
 
 import tracemalloc
+from collections.abc import Iterator
 from pathlib import Path
 
 import image_files
@@ -15,6 +16,8 @@ from asglight.errors import InputError
 from asglight.images import read_latlong
 from asglight.images.decoding import decode, strips
 from asglight.images.decoding.decode import read_header
+from asglight.images.decoding.header import DamagedError
+from asglight.images.options import ReadOptions
 
 ROWS, COLUMNS = 24, 48
 COMPRESSIONS = ("NO", "ZIP", "PIZ", "DWAB")  # chunks of 1, 16, 32 and 256 rows
@@ -82,6 +85,84 @@ def test_strips_of_a_turned_radiance_file_are_upright(
     in_strips = strips.read_pixels(read_header(path))
     monkeypatch.setattr(strips, "STRIP_ROWS", 1000)
     np.testing.assert_array_equal(in_strips, strips.read_pixels(read_header(path)))
+
+
+def turned_exr(
+    path: Path,
+    values: np.ndarray,
+    corner: tuple[int, int],
+    display: tuple[int, int],
+    orientation: int,
+) -> Path:
+    """Write stored rows at a place of a display window, which Orientation says how to turn."""
+    spec = OpenImageIO.ImageSpec(values.shape[1], values.shape[0], 3, OpenImageIO.FLOAT)
+    spec.x, spec.y = corner
+    spec.full_width, spec.full_height = display
+    spec.attribute("Orientation", orientation)
+    output = OpenImageIO.ImageOutput.create(str(path))
+    assert output.open(str(path), spec), output.geterror()
+    assert output.write_image(values.astype(np.float32)), output.geterror()
+    output.close()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("window", "expected"),
+    [
+        ((4, 2, 20, 10), [0, 0, 0, 0, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0, 0]),
+        ((-4, -2, 40, 20), [18, 17, 16, 15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3]),
+        ((-4, 2, 40, 30), [14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0, 0]),
+    ],
+)
+def test_a_data_window_is_placed_before_it_is_turned(
+    tmp_path: Path, short: int, window: tuple[int, int, int, int], expected: list[int]
+) -> None:
+    left, top, width, height = window
+    values = np.broadcast_to(np.arange(1, height + 1)[:, None, None], (height, width, 3))
+    path = turned_exr(tmp_path / "t.exr", values, (left, top), (32, 16), 3)
+    found = read_latlong(path).radiance.numpy()
+    np.testing.assert_array_equal(found[:, 16, 1], expected)
+    # turned by 180 degrees, columns 4 to 23 of 32 are 8 to 27
+    lit = np.flatnonzero(found[6, :, 0])
+    assert (lit[0], lit[-1]) == ((8, 27) if left == 4 else (0, 31))
+
+
+@pytest.mark.parametrize("eye", [None, "left", "right"])
+def test_a_data_window_lands_where_a_quarter_turn_brings_it(
+    tmp_path: Path, short: int, eye: str | None
+) -> None:
+    """TIFF 6.0, orientation 6: row 0 is the right side, column 0 the top."""
+    rows, columns = (32, 32 if eye else 16)  # with eyes, one over the other
+    values = np.random.default_rng(5).random((20, 9, 3)).astype(np.float32)
+    left, top = 12 if eye else 2, 5
+    path = turned_exr(tmp_path / "q.exr", values, (left, top), (columns, rows), 6)
+    expected = np.zeros((columns, rows, 3), np.float32)
+    for row in range(20):
+        for column in range(9):
+            expected[left + column, rows - 1 - (top + row)] = values[row, column]
+    if eye:
+        expected = expected[:16] if eye == "left" else expected[16:]
+    reading = ReadOptions(eye=eye)  # pyright: ignore[reportArgumentType]
+    np.testing.assert_array_equal(read_latlong(path, reading=reading).radiance, expected)
+
+
+def test_a_turned_data_window_outside_the_display_is_refused(tmp_path: Path) -> None:
+    path = turned_exr(tmp_path / "out.exr", values(), (40, 0), (32, 16), 3)
+    with pytest.raises(InputError, match=r"out\.exr: its data window lies outside its display"):
+        read_latlong(path)
+
+
+@pytest.mark.parametrize("rows", [3, 5])
+def test_other_rows_than_the_header_says_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int
+) -> None:
+    def reduced(*_: object) -> Iterator[np.ndarray]:
+        yield np.ones((rows, 8, 3), np.float32)
+
+    monkeypatch.setattr(strips, "reduced_strips", reduced)
+    path = image_files.constant(tmp_path / "a.exr", 1)
+    with pytest.raises(DamagedError, match=rf"a\.exr: cannot be decoded \({rows} of 4 rows came\)"):
+        read_latlong(path)
 
 
 def test_repair_counts_over_all_strips(tmp_path: Path, short: int) -> None:
