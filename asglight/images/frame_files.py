@@ -29,16 +29,18 @@ IMAGE_EXTENSIONS = (".exr", ".hdr", ".pic", ".rgbe")
 
 # `sky.1001.exr` is (`sky.`, 1001, `.exr`). A minus sign belongs to the number only after a dot, an
 # underscore or nothing; in `sky-1001.exr` it is a hyphen. A number that runs on into a word, as in
-# `hdri_4k.exr`, is no frame.
+# `hdri_4k.exr`, is no frame. Digits are 0 to 9: those of other scripts, of which no program numbers
+# frames, are letters here and in all that follows.
 _NAME = re.compile(
-    r"(?P<base>.*?)(?P<frame>(?:(?:(?<=[._])|^)-)?\d+)?(?P<extension>(?:\.[^\W\d]\w*)*)", re.DOTALL
+    r"(?P<base>.*?)(?P<frame>(?:(?:(?<=[._])|^)-)?[0-9]+)?(?P<extension>(?:\.[^\W0-9]\w*)*)",
+    re.DOTALL,
 )
 
 
-_PAD = re.compile(r"(?P<range>-?\d[\d,:x-]*)?(?P<pad>#+|@+|%0?\d*d|\$F\d*)")
+_PAD = re.compile(r"(?P<range>-?[0-9][0-9,:x-]*)?(?P<pad>#+|@+|%0?[0-9]*d|\$F[0-9]*)")
 """Where a pattern has its frame: perhaps a range, and one of the ways to write a padded number."""
 
-_SUBFRAME = r"(-?\d+)\.\d+"
+_SUBFRAME = r"(-?[0-9]+)\.[0-9]+"
 """Between base and extension: `1001.5`."""
 
 
@@ -223,7 +225,7 @@ def _check_groups_whole(folder: Path, groups: dict[tuple[str, str], list[str]]) 
     """
     wholes: dict[str, list[str]] = {}
     for (base, _), names in groups.items():
-        if match := re.fullmatch(r"(.*?)-?\d+\.", base, re.DOTALL):
+        if match := re.fullmatch(r"(.*?)-?[0-9]+\.", base, re.DOTALL):
             wholes.setdefault(match[1], []).append(names[0])
     for parent, first in wholes.items():
         if len(first) > 1 or any(base == parent for base, _ in groups):

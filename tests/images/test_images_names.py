@@ -93,6 +93,27 @@ def test_numbers_of_any_width_and_sign_are_frames(tmp_path):
         assert open_sequence(folder / source).frames == (-2, -1, 0, 1, 2)
 
 
+ARABIC = "\u0661", "\u0662", "\u0663"
+
+
+def test_digits_of_other_scripts_are_letters(tmp_path):
+    one, two, three = ARABIC
+    folder = files(tmp_path / "in", f"sky.{one}.exr", f"sky.{two}.exr")
+    assert f"holds 2 images or sequences (sky.{one}.exr, sky.{two}.exr)" in refused(folder)
+    files(folder, f"shot{one}.1001.exr", f"shot{one}.1002.exr", f"shot{one}.{three}.exr")
+    for source in (f"shot{one}.####.exr", f"shot{one}.1001-1002#.exr"):
+        assert open_sequence(folder / source).frames == (1001, 1002)
+    for source in (f"shot{one}.{one}-{two}#.exr", f"sky.{one}-{two}#.exr"):
+        assert "no file is named" in refused(folder / source)
+
+
+def test_digits_of_other_scripts_are_no_frame_beside_others(tmp_path):
+    folder = files(tmp_path / "in", "sky.1.exr", "sky.2.exr", f"sky.{ARABIC[2]}.exr")
+    assert f"holds 2 images or sequences (sky.####.exr 1-2, sky.{ARABIC[2]}.exr)" in refused(folder)
+    still = files(tmp_path / "still", f"sky.{ARABIC[1]}.exr") / f"sky.{ARABIC[1]}.exr"
+    assert open_sequence(still).frames == (1,)
+
+
 def test_several_sequences_are_named_with_the_way_to_choose(tmp_path):
     folder = files(tmp_path / "in", "a b.1.exr", "a b.2.exr", "c.1.exr", "still.hdr")
     message = refused(folder)
