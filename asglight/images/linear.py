@@ -56,7 +56,7 @@ def linearisation_of(header: Header) -> Linearisation:
     scale = np.diag(1 / np.array(header.multiplier))
     matrix, brightest = scale, HALF_MAX
     if header.layer.kind == "luminance-chroma":
-        curve = partial(luminance_chroma.to_rgb, chromaticities=space.chromaticities)
+        curve = partial(luminance_chroma.to_rgb, chromaticities=header.luminance_of)
     if header.gamma != 1:
         curve, brightest = partial(_power, exponent=header.gamma), WHITE
     if space.config_name is not None and not ocio.is_linear(space.config_name):

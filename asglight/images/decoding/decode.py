@@ -86,6 +86,7 @@ def read_header(path: Path, reading: ReadOptions = ReadOptions()) -> Header:  # 
         size = (spec.full_width, spec.full_height)
         width, height = size[::-1] if axes[0].endswith("X") else size
         corner, (width, height), half = facts.half_of(path, chosen, (width, height), reading.eye)
+        space = facts.colour_of(path, specs, lines, chosen, kind, reading)
         notes, warnings = facts.told(spec, lines, chosen, half, reading)
         return Header(
             path,
@@ -95,7 +96,8 @@ def read_header(path: Path, reading: ReadOptions = ReadOptions()) -> Header:  # 
             corner,
             chosen,
             axes,
-            facts.colour_of(path, specs, lines, chosen, kind, reading),
+            space,
+            stated.luminance_of(specs, chosen, space),
             1.0 if reading.colorspace else lines.gamma,
             lines.multiplier,
             stated.white_luminance(spec),

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from asglight.errors import InputError
-from asglight.images.colour import ColourSpace
+from asglight.images.colour import Chromaticities, ColourSpace
 from asglight.images.decoding.layers import Layer
 from asglight.images.message import shown
 
@@ -54,6 +54,8 @@ class Header:
         axes: How the pixels are stored, the slow axis first, as Radiance writes it; `-Y`, `+X` is
             upright: down the rows, then along the columns.
         colour: What the numbers mean.
+        luminance_of: Primaries and white of the R, G, B that the luminance of a luminance-chroma
+            image is of; None for Rec.709.
         gamma: Exponent that makes the numbers linear.
         multiplier: What linear red, green and blue have been multiplied with.
         white_luminance: Nits of (1, 1, 1), as the file states it; None where it does not.
@@ -71,6 +73,7 @@ class Header:
     layer: Layer
     axes: tuple[str, str]
     colour: ColourSpace
+    luminance_of: Chromaticities | None
     gamma: float
     multiplier: tuple[float, float, float]
     white_luminance: float | None

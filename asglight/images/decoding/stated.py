@@ -66,6 +66,30 @@ def of_exr(path: Path, specs: Sequence[OpenImageIO.ImageSpec], layer: Layer) -> 
     return stated[0] if stated else ASSUMED
 
 
+def luminance_of(
+    specs: Sequence[OpenImageIO.ImageSpec], layer: Layer, space: ColourSpace
+) -> Chromaticities | None:
+    """Return the primaries and white of the R, G, B that a layer's luminance is of.
+
+    Its writer has made it by those that it states, also where the user says another space.
+    Statements that mean nothing are refused elsewhere, unless the user says the space.
+
+    Args:
+        specs: As `of_exr`.
+        layer: The layer to read.
+        space: What its colours are.
+
+    Returns:
+        Those that are stated, else those of the space, where it has any; None for Rec.709.
+    """
+    if layer.kind != "luminance-chroma":
+        return None
+    numbers = _chromaticities(specs[layer.part], specs[0])
+    if numbers is not None and colour.is_colour_space(numbers):
+        return numbers
+    return _primaries(space)
+
+
 def of_radiance(path: Path, header: RadianceHeader) -> ColourSpace:
     """Return what the lines of a Radiance file state.
 
@@ -153,18 +177,15 @@ def _by_numbers(
     path: Path, spec: OpenImageIO.ImageSpec, first: OpenImageIO.ImageSpec
 ) -> ColourSpace | None:
     """Return the space of stated chromaticities."""
-    holder = first if spec.getattribute("chromaticities") is None else spec
-    if holder.getattribute("chromaticities") is None:
+    if all(each.getattribute("chromaticities") is None for each in (spec, first)):
         return None
-    stated = _floats(holder, "chromaticities")
-    if stated is None or len(stated) != 8:
+    numbers = _chromaticities(spec, first)
+    if numbers is None:
         raise InputError(
             f"{shown(path)}: states chromaticities that are not eight numbers; expected three "
             "primaries and a white. Correct or remove them, or say what its colours are with "
             "--input-colorspace."
         )
-    red_x, red_y, green_x, green_y, blue_x, blue_y, white_x, white_y = stated
-    numbers = (red_x, red_y, green_x, green_y, blue_x, blue_y, white_x, white_y)
     if not colour.is_colour_space(numbers):
         raise InputError(
             f"{shown(path)}: states chromaticities {' '.join(f'{v:.4g}' for v in numbers)}; "
@@ -172,6 +193,18 @@ def _by_numbers(
             "say what its colours are with --input-colorspace."
         )
     return _of_numbers(numbers, "chromaticities")
+
+
+def _chromaticities(
+    spec: OpenImageIO.ImageSpec, first: OpenImageIO.ImageSpec
+) -> Chromaticities | None:
+    """Return the numbers that a part or else the first one states; None where it has no eight."""
+    holder = first if spec.getattribute("chromaticities") is None else spec
+    stated = _floats(holder, "chromaticities")
+    if stated is None or len(stated) != 8:
+        return None
+    red_x, red_y, green_x, green_y, blue_x, blue_y, white_x, white_y = stated
+    return red_x, red_y, green_x, green_y, blue_x, blue_y, white_x, white_y
 
 
 def _floats(spec: OpenImageIO.ImageSpec, name: str) -> tuple[float, ...] | None:

@@ -215,9 +215,11 @@ def test_what_is_stated_of_looks_is_told_and_changes_nothing(tmp_path: Path) -> 
     )
 
 
-def luminance_chroma(values: np.ndarray) -> dict[str, np.ndarray]:
-    """Return Y, RY, BY of Rec.709 as OpenEXR defines them."""
-    y = values @ np.array([0.2126, 0.7152, 0.0722])
+def luminance_chroma(
+    values: np.ndarray, weights: tuple[float, float, float] = (0.2126, 0.7152, 0.0722)
+) -> dict[str, np.ndarray]:
+    """Return Y, RY, BY as OpenEXR defines them, of Rec.709 or by other weights."""
+    y = values @ np.array(weights)
     chroma = (values[..., 0] - y) / y, (values[..., 2] - y) / y
     planes = {"Y": y, "RY": chroma[0], "BY": chroma[1]}
     return {name: plane.astype(np.float32) for name, plane in planes.items()}
@@ -227,6 +229,48 @@ def test_luminance_and_chroma_are_read_at_full_size(tmp_path: Path) -> None:
     path = image_files.write(tmp_path / "yc.exr", luminance_chroma(near_white()))
     # the weights' four digits
     np.testing.assert_allclose(read_latlong(path).radiance, near_white(), rtol=1e-3)
+
+
+AP1_LUMINANCE = (0.2722287, 0.6740818, 0.0536895)
+"""Of the matrix from AP1 to XYZ (ACES TB-2014-004)."""
+
+BROKEN = (0.64, 0.33, 0.64, 0.33, 0.15, 0.06, 0.3127, 0.3290)
+"""Two of the primaries are one."""
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ({"chromaticities": AP1}, None),
+        ({"chromaticities": AP1, "colorInteropID": "lin_ap1_scene"}, None),
+        ({"colorInteropID": "lin_ap1_scene"}, None),
+        ({"chromaticities": AP1}, "ACEScg"),
+        ({}, "ACEScg"),
+        ({"chromaticities": BROKEN}, "ACEScg"),
+    ],
+)
+def test_luminance_is_of_the_primaries_whoever_says_them(
+    tmp_path: Path, header: dict[str, object], said: str | None
+) -> None:
+    colour_ap1 = np.ones((8, 16, 3)) * [0.8, 0.3, 0.1]
+    planes = luminance_chroma(colour_ap1, AP1_LUMINANCE)
+    path = image_files.write(tmp_path / "yc.exr", planes, **header)
+    found = read_latlong(path, reading=ReadOptions(colorspace=said)).radiance.numpy()
+    # the published matrix of ACEScg, of five digits; blue is small
+    rec709 = (1.16918, 0.23698, 0.05741)
+    np.testing.assert_allclose(found, np.broadcast_to(rec709, found.shape), rtol=5e-4)
+    plain = image_files.write_rgb(
+        tmp_path / "rgb.exr", colour_ap1.astype(np.float32), chromaticities=AP1
+    )
+    np.testing.assert_allclose(found, read_latlong(plain).radiance, rtol=5e-4)
+
+
+def test_luminance_is_of_the_stated_primaries_where_the_user_says_others(tmp_path: Path) -> None:
+    # what the numbers are is the user's to say; how Y was made of them is the writer's
+    planes = luminance_chroma(np.broadcast_to([0.8, 0.3, 0.1], (8, 16, 3)), AP1_LUMINANCE)
+    path = image_files.write(tmp_path / "yc.exr", planes, chromaticities=AP1)
+    found = read_latlong(path, reading=ReadOptions(colorspace="Rec.709")).radiance.numpy()
+    np.testing.assert_allclose(found, np.broadcast_to((0.8, 0.3, 0.1), found.shape), rtol=1e-5)
 
 
 def test_subsampled_chroma_is_interpolated_around_the_sphere(tmp_path: Path) -> None:
