@@ -10,7 +10,6 @@ a copy at full size, which OpenImageIO then reads.
 """
 
 import contextlib
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from asglight.images import colour
 from asglight.images.colour import Chromaticities
+from asglight.images.decoding import copies
 
 
 def is_subsampled(path: Path) -> bool:
@@ -42,8 +42,7 @@ def readable(path: Path) -> Iterator[Path]:
     """
     import OpenEXR  # seldom wanted
 
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "full.exr"
+    with copies.empty(".exr") as (_, copy):
         try:
             file = OpenEXR.File(str(path), separate_channels=True)
             parts = [_full(part) for part in file.parts]

@@ -14,7 +14,6 @@ in that spelling.
 import contextlib
 import math
 import re
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 
 from asglight.images import colour
 from asglight.images.colour import Chromaticities
+from asglight.images.decoding import copies
 
 MAGIC = b"#?"
 
@@ -203,7 +203,7 @@ def readable(path: Path) -> Iterator[Path]:
     """Give a file that OpenImageIO decodes: this one, or a copy in the spelling that it knows.
 
     Yields:
-        The file; a copy is deleted afterwards.
+        The file; a copy is gone afterwards.
     """
     header = read_lines(path)
     if not header.start:  # nothing to copy: the decoder says what is wrong
@@ -228,13 +228,13 @@ def readable(path: Path) -> Iterator[Path]:
     if not (in_runs or is_flat):
         pixels = unrolled(pixels, count)
     (slow, fast), (rows, columns) = header.axes, header.size
-    with tempfile.NamedTemporaryFile(suffix=".hdr") as copy:
+    with copies.empty(".hdr") as (copy, place):
         copy.write(
             f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n{slow} {rows} {fast} {columns}\n".encode()
         )
         copy.write(memoryview(pixels))
         copy.flush()
-        yield Path(copy.name)
+        yield place
 
 
 def unrolled(stored: np.ndarray, count: int) -> np.ndarray:

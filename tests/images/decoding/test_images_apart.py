@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import image_files
@@ -19,7 +20,7 @@ from processes import is_running, wait_until
 
 from asglight.errors import InputError
 from asglight.images import open_sequence, read_latlong
-from asglight.images.decoding import apart
+from asglight.images.decoding import apart, copies
 from asglight.images.decoding.apart import Apart, ApartError
 from asglight.images.decoding.decode import read_header
 from asglight.images.decoding.decoders import APART, Elsewhere
@@ -159,6 +160,55 @@ def test_the_process_ends_when_its_owner_is_killed(tmp_path: Path) -> None:
     pid = int(result.stdout)
     wait_until(lambda: not is_running(pid))
     assert not is_running(pid)
+
+
+def with_subsampled_chroma(path: Path) -> Path:
+    whole, half = np.ones((4, 8), np.float32), np.zeros((2, 4), np.float32)
+    planes = {"Y": (whole, 1), "RY": (half, 2), "BY": (half, 2)}
+    return image_files.raw_exr(path.with_suffix(".exr"), planes, (8, 4))
+
+
+def with_another_spelling(path: Path) -> Path:
+    pixels, _ = image_files.rgbe()
+    plain = image_files.hdr_bytes(pixels, size="-Y 4 +X 8")
+    path = path.with_suffix(".hdr")
+    path.write_bytes(plain.replace(b"FORMAT=", b"FORMAT= ", 1))
+    return path
+
+
+@pytest.mark.parametrize("write", [with_subsampled_chroma, with_another_spelling])
+@pytest.mark.parametrize("is_killed", [True, False])
+def test_a_copy_is_gone_however_the_process_ends(
+    tmp_path: Path, write: Callable[[Path], Path], is_killed: bool
+) -> None:
+    path = write(tmp_path / "image")
+    (tmp_path / "temporary").mkdir()
+    end = "os.kill(os.getpid(), signal.SIGKILL)" if is_killed else "print(place != path)"
+    code = (
+        "import os, signal\nfrom pathlib import Path\n"
+        "from asglight.images.decoding import decode\n"
+        f"path = Path({str(path)!r})\n"
+        "with decode._readable(path, decode._kind(path)) as place:\n"
+        "    assert place.stat().st_size > 0\n"
+        f"    {end}"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path / "temporary")}
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment
+    )
+    ended = (-signal.SIGKILL, "") if is_killed else (0, "True\n")
+    assert (result.returncode, result.stdout) == ended, result.stderr
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+@pytest.mark.parametrize("write", [with_subsampled_chroma, with_another_spelling])
+def test_a_system_that_names_its_copies_reads_the_same(
+    tmp_path: Path, write: Callable[[Path], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path / "image")
+    nameless = read_latlong(path).radiance
+    monkeypatch.setattr(copies, "OPEN_FILES", tmp_path / "absent")
+    assert torch.equal(read_latlong(path).radiance, nameless)
 
 
 def test_a_user_script_needs_no_main_guard(tmp_path: Path) -> None:
