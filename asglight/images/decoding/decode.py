@@ -103,7 +103,7 @@ def read_header(path: Path, reading: ReadOptions = ReadOptions()) -> Header:  # 
             stated.white_luminance(spec),
             chosen.eye or half,
             notes,
-            (*warnings, *facts.warnings_of_range(path, spec, reading)),
+            (*warnings, *facts.warnings_of_range(spec, kind, reading)),
             4 * spec.width * spec.height * spec.nchannels,
         )
 

@@ -25,6 +25,21 @@ _ORIENTATIONS = {
 }
 
 
+# Bits of a channel of integers.
+_UNSIGNED = {
+    OpenImageIO.UINT8: 8,
+    OpenImageIO.UINT16: 16,
+    OpenImageIO.UINT32: 32,
+    OpenImageIO.UINT64: 64,
+}
+_SIGNED = {
+    OpenImageIO.INT8: 8,
+    OpenImageIO.INT16: 16,
+    OpenImageIO.INT32: 32,
+    OpenImageIO.INT64: 64,
+}
+
+
 def part_of(spec: OpenImageIO.ImageSpec, *, is_only: bool) -> layers.Part:
     """Return what a part says of itself; in a file of one part its name means nothing."""
     views = spec.getattribute("multiView")
@@ -83,14 +98,20 @@ def colour_of(
     kind: str,
     reading: ReadOptions,
 ) -> ColourSpace:
-    """Return what the user says of the colours, else what the file does."""
+    """Return what the user says of the colours, else what the file does.
+
+    Raises:
+        InputError: What the file states cannot be followed; or it holds integers, and the user does
+            not say what they mean, or they are signed.
+    """
+    _check_signs(path, specs[layer.part])
     if reading.colorspace is not None:
         return ocio.input_space(reading.colorspace)
     if kind == "openexr":
         return stated.of_exr(path, specs, layer)
     if kind == "hdr":
         return stated.of_radiance(path, lines)
-    _check_range(path, specs[layer.part])
+    _check_range(path, specs[layer.part], kind)
     return stated.of_other(path, specs[layer.part], kind)
 
 
@@ -117,14 +138,28 @@ def told(
     return tuple(notes), tuple(warnings)
 
 
-def _bits(spec: OpenImageIO.ImageSpec) -> int:
-    """Return the bits of a channel of integers; 0 for floats."""
-    return {OpenImageIO.UINT8: 8, OpenImageIO.UINT16: 16}.get(spec.format.basetype, 0)
+def _bits(spec: OpenImageIO.ImageSpec, kind: str) -> int:
+    """Return the bits of a channel of integers that end at white; 0 for others.
+
+    Those of OpenEXR mean their value, and may be any.
+    """
+    return 0 if kind == "openexr" else _UNSIGNED.get(spec.format.basetype, 0)
 
 
-def _check_range(path: Path, spec: OpenImageIO.ImageSpec) -> None:
+def _check_signs(path: Path, spec: OpenImageIO.ImageSpec) -> None:
+    """Refuse an image of signed integers, in which neither black nor white has a known number."""
+    bits = _SIGNED.get(spec.format.basetype, 0)
+    if bits:
+        raise InputError(
+            f"{shown(path)}: is an image of signed {bits}-bit integers, of which nobody says where "
+            "black and white are; expected OpenEXR, Radiance or another image of floats. Take the "
+            "HDR original, or convert it."
+        )
+
+
+def _check_range(path: Path, spec: OpenImageIO.ImageSpec, kind: str) -> None:
     """Refuse an image of integers, unless the user says what they mean."""
-    bits = _bits(spec)
+    bits = _bits(spec, kind)
     if bits:
         raise InputError(
             f"{shown(path)}: is an image of {bits}-bit integers, in which suns and lamps are "
@@ -134,10 +169,10 @@ def _check_range(path: Path, spec: OpenImageIO.ImageSpec) -> None:
 
 
 def warnings_of_range(
-    path: Path, spec: OpenImageIO.ImageSpec, reading: ReadOptions
+    spec: OpenImageIO.ImageSpec, kind: str, reading: ReadOptions
 ) -> tuple[str, ...]:
     """Return what is missing in an image of integers that the user wants to have read."""
-    bits = _bits(spec)
+    bits = _bits(spec, kind)
     if not bits or reading.colorspace is None:
         return ()
     return (f"{bits}-bit integers: suns and lamps are clipped at white, so their light is missing",)

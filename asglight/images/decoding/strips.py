@@ -242,7 +242,8 @@ def _rows(
     """
     red, green, blue = header.layer.channels
     integer = [
-        spec.channelformat(channel).basetype == OpenImageIO.UINT32 for channel in (red, green, blue)
+        header.kind == "openexr" and spec.channelformat(channel).basetype == OpenImageIO.UINT32
+        for channel in (red, green, blue)
     ]
     if (green, blue) == (red + 1, red + 2) and not any(integer):
         spans = [(red, red + 3)]
@@ -252,7 +253,7 @@ def _rows(
         spans = [(red, red + 1)]
     planes = []
     for span, is_integer in zip(spans, integer, strict=False):
-        # Asked for float, the library would scale integers to 0..1; their value is meant.
+        # Asked for float, the library scales integers to 0..1; in OpenEXR their value is meant.
         stored = OpenImageIO.UINT32 if is_integer else OpenImageIO.FLOAT
         found = _read(reader, spec, header.layer.part, (begin, end), span, stored)
         if found is None:

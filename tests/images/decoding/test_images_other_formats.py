@@ -52,6 +52,52 @@ def test_sixteen_bits_are_integers_too(tmp_path: Path, suffix: str) -> None:
     np.testing.assert_allclose(radiance, srgb(ENCODED / 255), rtol=3e-4)
 
 
+def integer_tiff(path: Path, values: np.ndarray) -> Path:
+    """Write integers as they are."""
+    stored = getattr(OpenImageIO, values.dtype.name.upper())
+    spec = OpenImageIO.ImageSpec(values.shape[1], values.shape[0], 3, stored)
+    output = OpenImageIO.ImageOutput.create(str(path))
+    assert output.open(str(path), spec), output.geterror()
+    assert output.write_image(values), output.geterror()
+    output.close()
+    return path
+
+
+@pytest.mark.parametrize(("space", "is_encoded"), [("sRGB", True), ("Rec.709", False)])
+def test_32_bits_are_integers_too(tmp_path: Path, space: str, is_encoded: bool) -> None:
+    path = integer_tiff(tmp_path / "a.tif", ENCODED.astype(np.uint32) * (0xFFFFFFFF // 255))
+    with pytest.raises(InputError, match="is an image of 32-bit integers, in which suns and lamps"):
+        read_latlong(path)
+    image = read_latlong(path, reading=ReadOptions(colorspace=space))
+    expected = srgb(ENCODED / 255) if is_encoded else ENCODED / 255
+    np.testing.assert_allclose(image.radiance, expected, rtol=3e-4)
+    assert image.header.warnings == (
+        "32-bit integers: suns and lamps are clipped at white, so their light is missing",
+    )
+
+
+@pytest.mark.parametrize("dtype", ["int8", "int16", "int32"])
+@pytest.mark.parametrize("space", [None, "sRGB"])
+def test_signed_integers_are_refused(tmp_path: Path, dtype: str, space: str | None) -> None:
+    path = integer_tiff(tmp_path / "a.tif", np.full((8, 16, 3), 100, dtype))
+    message = (
+        rf"a\.tif: is an image of signed {dtype[3:]}-bit integers, of which nobody says where "
+        r"black and white are; expected OpenEXR, .*convert it\.$"
+    )
+    with pytest.raises(InputError, match=message):
+        read_latlong(path, reading=ReadOptions(colorspace=space))
+
+
+def test_integers_of_openexr_are_their_values(tmp_path: Path) -> None:
+    values = np.arange(1, 4 * 8 + 1, dtype=np.uint32).reshape(4, 8)
+    path = image_files.write(tmp_path / "a.exr", {"R": values, "G": 2 * values, "B": 3 * values})
+    expected = values[..., None] * np.array([1, 2, 3], np.float32)
+    for reading in (ReadOptions(), ReadOptions(colorspace="Rec.709")):
+        image = read_latlong(path, reading=reading)
+        np.testing.assert_array_equal(image.radiance, expected)
+        assert image.header.warnings == ()
+
+
 def test_a_tiff_of_floats_is_light(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
     assert OpenImageIO.ImageBuf(image_files.ramp()).write(str(path))
