@@ -22,7 +22,8 @@ from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import read_latlong
 from asglight.images.decoding.decoders import APART
 from asglight.images.decoding.header import DamagedError
-from asglight.images.frame_files import NothingThereError, find
+from asglight.images.frame_files import NothingThereError, find_growing, is_pattern
+from asglight.images.message import shown
 from asglight.images.options import ReadOptions
 
 POLL_SECONDS = 0.02
@@ -94,7 +95,7 @@ class Newest:
         self._held: tuple[int, bytes, float] | None = None
         self._is_over = False
         self._dropped = 0
-        self._failure: InputError | None = None
+        self._failure: BaseException | None = None
 
     def put(self, number: int, data: bytes) -> None:
         """Take the place of the frame that is held, if one is."""
@@ -103,7 +104,7 @@ class Newest:
             self._held = number, data, time.monotonic()
             self._changed.notify()
 
-    def end(self, failure: InputError | None = None) -> None:
+    def end(self, failure: BaseException | None = None) -> None:
         """Say that no more will come, and why if something is wrong."""
         with self._changed:
             self._is_over, self._failure = True, failure
@@ -116,7 +117,7 @@ class Newest:
             None at the end.
 
         Raises:
-            InputError: What the feed ended with, after the last frame.
+            BaseException: What the feed ended with, after the last frame.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._held is not None or self._is_over)
@@ -138,7 +139,7 @@ def raw_frames(stream: BinaryIO, form: RawFormat, *, every: bool) -> Iterator[Ta
         every: Take every frame, and let who writes the stream wait; else the newest.
 
     Raises:
-        InputError: The stream ends within a frame.
+        InputError: The stream ends within a frame, or cannot be read.
     """
     if every:
         for number, data in _whole_frames(stream, form):
@@ -158,7 +159,7 @@ def _put_all(stream: BinaryIO, form: RawFormat, newest: Newest) -> None:
     try:
         for number, data in _whole_frames(stream, form):
             newest.put(number, data)
-    except InputError as error:
+    except BaseException as error:  # nobody else hears of it, and who takes would wait for ever
         newest.end(error)
     else:
         newest.end()
@@ -180,9 +181,14 @@ def _whole_frames(stream: BinaryIO, form: RawFormat) -> Iterator[tuple[int, byte
 def _read(stream: BinaryIO, count: int) -> bytes:
     """Read so many bytes, fewer at the end only: a pipe gives what it has."""
     parts, missing = [], count
-    while missing and (part := stream.read(missing)):
-        parts.append(part)
-        missing -= len(part)
+    try:
+        while missing and (part := stream.read(missing)):
+            parts.append(part)
+            missing -= len(part)
+    except OSError as error:
+        raise InputError(
+            f"standard input: cannot be read ({error.strerror}); expected raw frames."
+        ) from error
     return b"".join(parts)
 
 
@@ -225,6 +231,11 @@ class Folder:
             InputError: There is no such folder, it holds more than one sequence, or an image is no
                 latlong.
         """
+        if not (is_pattern(self._source) or os.path.exists(self._source)):
+            raise InputError(
+                f"{shown(self._source)}: is not there; expected the folder that is written, or a "
+                "pattern such as sky.####.exr."
+            )
         last, quiet_since = -math.inf, self._clock()
         while self._idle is None or self._clock() - quiet_since < self._idle:
             files = {number: path for number, path in self._files().items() if number > last}
@@ -242,9 +253,12 @@ class Folder:
     def _files(self) -> dict[int, Path]:
         """Return the files by frame; none before the first is there."""
         try:
-            return find(self._source).files
+            found = find_growing(self._source)
         except NothingThereError:
             return {}
+        if not found.still:
+            self._source = found.pattern  # what else comes into the folder is no frame
+        return found.files
 
     def _first_whole(self, files: dict[int, Path]) -> tuple[int, Tensor] | None:
         """Return the frame whose turn it is, if one can be read."""

@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -29,7 +30,7 @@ from asglight.shading.sheets import amplitudes, sheets
 Light = LobeTracks | Lobes
 """Tracks, or lobes of one frame.  [N, .]"""
 
-Time = float | Sequence[float] | None
+Time = float | Sequence[float] | np.ndarray | Tensor | None
 """In frame numbers, one or several; None for lobes, and for tracks of one frame."""
 
 ALBEDO_NODES = 129
@@ -216,6 +217,7 @@ def _of_each(light: Light, time: Time, function: Callable[[Lobes], Tensor]) -> T
                 "and lobes [N] of one frame. Tracks have times."
             )
         return function(light)
+    time = time.tolist() if isinstance(time, np.ndarray | Tensor) else time
     times = _times(light, time)
     lobes = motion.at(light, times)
     found = [function(lobes[place]) for place in range(len(times))]

@@ -57,7 +57,10 @@ def frames_of(radiance: Any) -> list[Any]:
             f"radiance: shape {list(shape)}; expected [H, 2 H, 3] of one latlong, or "
             "[F, H, 2 H, 3] of F frames."
         )
-    is_float = values.is_floating_point() if isinstance(values, Tensor) else values.dtype in FLOATS
+    if isinstance(values, Tensor):
+        is_float = values.is_floating_point()
+    else:
+        is_float = values.dtype.newbyteorder("=") in FLOATS  # in any order of bytes
     if not is_float:
         raise InputError(
             f"radiance: of type {values.dtype}; expected linear radiance in floating-point "

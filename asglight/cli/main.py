@@ -55,6 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     # NumPy's matrices are small. On two threads beside a renderer keys took four times as long.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _open_standard_streams()
     words = list(sys.argv[1:] if argv is None else argv)
     on_interrupt = "interrupted"
     try:
@@ -77,6 +78,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     finally:
         gc.unfreeze()  # or OpenImageIO takes what is left at the end for leaked
     return status
+
+
+def _open_standard_streams() -> None:
+    """Open what the caller has closed: another file would take its number, and be written to."""
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+            os.set_inheritable(number, True)
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
 
 
 def _start_ahead(words: list[str]) -> None:

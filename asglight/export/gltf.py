@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from asglight.errors import InputError
 from asglight.images.output import written_beside
 from asglight.lobes import Form, Lobes, LobeTracks, asg, frames, motion
 
@@ -49,12 +50,18 @@ def write_gltf(path: str | Path, tracks: LobeTracks, names: Sequence[str]) -> No
         names: Of the N lobes.
 
     Raises:
-        InputError: The file cannot be written there.
+        InputError: The file cannot be written there, or the rate is too low.
     """
     first, last = tracks.frames[0], tracks.frames[-1]
     times = np.linspace(first, last, (last - first) * STEPS + 1)
+    with np.errstate(over="ignore"):  # told of below
+        seconds = ((times - first) / tracks.fps).astype(np.float32)
+    if not np.isfinite(seconds).all():
+        raise InputError(
+            f"fps: {tracks.fps:g}; expected a rate whose seconds a glTF can hold, such as 24."
+        )
     lights = lights_of(motion.at(tracks, times.tolist()), names)
-    document, data = _document(lights, ((times - first) / tracks.fps).astype(np.float32))
+    document, data = _document(lights, seconds)
     with written_beside(Path(path)) as place:
         place.write_bytes(_binary(document, data))
 

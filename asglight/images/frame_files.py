@@ -109,6 +109,30 @@ def find(source: str | Path) -> FrameFiles:
         ) from error
 
 
+def find_growing(source: str | Path) -> FrameFiles:
+    """Find the files of a source that grows: one file with a number begins a sequence.
+
+    Args:
+        source: A folder or a pattern.
+
+    Raises:
+        InputError: As `find`.
+    """
+    found, folder = find(source), Path(source)
+    if not (found.still and folder.is_dir()):
+        return found
+    (path,) = found.files.values()
+    base, frame, extension = _split(path.name)
+    if frame is None:
+        return found
+    return FrameFiles(folder, base, extension, {frame: path})
+
+
+def is_pattern(source: str | Path) -> bool:
+    """Tell whether a source names a place for frame numbers."""
+    return _PAD.search(Path(source).name) is not None
+
+
 def sources_in(folder: Path) -> list[tuple[str, str]]:
     """Return the images and sequences of a folder: a title for each, and what names it to `find`.
 

@@ -24,6 +24,11 @@ def written_beside(path: Path) -> Iterator[Path]:
     Raises:
         InputError: An OSError within: the file cannot be written there.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(
+            f"{shown(path)}: is a pipe or a device; expected a file to write. Without -o many "
+            "commands print what they have."
+        )
     # A name of its own, so that two writers of one target do not meet; hidden from folder scans.
     temporary = path.parent / f".asglight-{secrets.token_hex(4)}{path.suffix}"
     try:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Feeds: which frame is taken when several came, and files that are still being written."""
 
+import errno
 import io
 import threading
 from collections.abc import Callable
@@ -77,6 +78,16 @@ def test_a_stream_that_ends_within_a_frame_is_told_of_after_the_whole_ones(every
     message = r"standard input: ends 187 bytes into frame 2; expected whole frames of 192 bytes \(8"
     with pytest.raises(InputError, match=message):
         next(frames)
+
+
+@pytest.mark.parametrize("every", [True, False])
+def test_a_stream_that_cannot_be_read_is_told_of_and_nobody_waits(every: bool) -> None:
+    class Broken(io.BytesIO):
+        def read(self, size: int | None = -1, /) -> bytes:
+            raise OSError(errno.EIO, "Input/output error")
+
+    with pytest.raises(InputError, match=r"standard input: cannot be read \(Input/output error\)"):
+        next(raw_frames(Broken(), RAW, every=every))
 
 
 class Disk:
@@ -168,3 +179,28 @@ def test_two_sequences_in_one_folder_are_refused(tmp_path: Path) -> None:
     sky_files.write_frame(tmp_path / "other.1001.exr", sky_files.sky(1))
     with pytest.raises(InputError, match="holds 2 images or sequences"):
         Disk(tmp_path).feed(str(tmp_path), [], every=False)
+
+
+@pytest.mark.parametrize("base", ["sky_", "sky.", ""])
+@pytest.mark.parametrize("first", [0, 1001])
+def test_a_file_has_the_number_of_its_name_also_while_it_is_alone(
+    tmp_path: Path, base: str, first: int
+) -> None:
+    def written(number: int) -> Callable[[], None]:
+        path = tmp_path / f"{base}{number:04d}.exr"
+        return lambda: sky_files.write_frame(path, sky_files.sky(number))
+
+    numbers = [first, first + 1, first + 2]
+    found = Disk(tmp_path, *map(written, numbers)).feed(str(tmp_path), [], every=True)
+    assert found == [(number, 0) for number in numbers]
+
+
+def test_what_else_comes_into_the_folder_is_no_frame(tmp_path: Path) -> None:
+    def renamed() -> None:
+        (tmp_path / "sky.1002.tmp.exr").rename(tmp_path / "sky.1002.exr")
+
+    def begun() -> None:
+        sky_files.write_frame(tmp_path / "sky.1002.tmp.exr", sky_files.sky(1002))
+
+    steps = (write(tmp_path, 1001), begun, lambda: None, renamed)
+    assert Disk(tmp_path, *steps).feed(str(tmp_path), [], every=True) == [(1001, 0), (1002, 0)]

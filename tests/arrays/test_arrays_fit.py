@@ -133,3 +133,11 @@ def test_frames_that_repeat_frame_0_say_so() -> None:
     radiance = np.stack([sky_files.sky(1001, 16)] * 3)
     asglight.fit(radiance, lobes=2, preset="live", first_frame=0, on_progress=events.append)
     assert [one.repeats for one in events if isinstance(one, FrameDone)] == [None, 0, 0]
+
+
+def test_bytes_may_be_in_any_order() -> None:
+    radiance = sky_files.sky(1001, 16)
+    found, wanted = (
+        asglight.fit(one, lobes=2, preset="live") for one in (radiance.astype(">f4"), radiance)
+    )
+    assert_same(found, wanted)

@@ -206,3 +206,11 @@ def test_radiance_is_differentiable_to_the_directions() -> None:
 def test_what_cannot_be_answered_is_one_line(ask, message: str) -> None:
     with pytest.raises(InputError, match=message):
         ask()
+
+
+@pytest.mark.parametrize("kind", [np.array, torch.tensor])
+def test_times_may_be_an_array(kind: type) -> None:
+    tracks = moving([1, 2, 3])
+    wanted = asglight.latlong(tracks, 4, [1.0, 2.5])
+    assert torch.equal(asglight.latlong(tracks, 4, kind([1.0, 2.5])), wanted)
+    assert torch.equal(asglight.latlong(tracks, 4, kind(2.5)), wanted[1])

@@ -118,6 +118,7 @@ FAULTS = [
     ("info cut.usda", "cut.usda: "),
     ("info bare.usda", "bare.usda: "),
     ("info empty", "empty: holds no image"),
+    ("info good.usda --frames 7", "--frames: given with a stage; expected it with images only."),
     ("info good.usda --layer a", "--layer: given with a stage; expected it with images only."),
     ("eval good.usda", "required: --reference"),
     ("eval nothing.usda --reference in", "nothing.usda: "),

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 import errno
+import math
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import commands
 import pytest
+import sky_files
 import torch
 
 import asglight
@@ -157,7 +160,8 @@ def test_a_reader_that_closes_early_is_no_error() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "rate"), [("24", 24.0), ("23.976", 23.976), ("24000/1001", 24000 / 1001)]
+    ("text", "rate"),
+    [("1e99999999", math.inf), ("24", 24.0), ("23.976", 23.976), ("24000/1001", 24000 / 1001)],
 )
 def test_a_frame_rate_may_be_a_fraction(text: str, rate: float) -> None:
     assert parser.frame_rate(text) == pytest.approx(rate, rel=1e-15)
@@ -173,3 +177,14 @@ def test_a_frame_rate_may_be_a_fraction(text: str, rate: float) -> None:
 )
 def test_a_message_is_one_line_that_ends_once(message: str, line: str) -> None:
     assert parser.one_line(message) == line
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_standard_stream_that_is_closed_changes_nothing(closed: str, tmp_path: Path) -> None:
+    sky_files.write_frame(tmp_path / "sky.exr", sky_files.sky(1, 16))
+    hook = "import sys; from asglight.cli.main import main; sys.exit(main())"
+    line = f'"{sys.executable}" -c "{hook}" info {tmp_path / "sky.exr"} --json {closed}'
+    done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert bool(done.stdout) == (">&-" not in closed or closed == "2>&-")

@@ -2,6 +2,7 @@
 """The glTF file, read by the letter of glTF 2.0: where its lights are, how bright, and when."""
 
 import json
+import os
 import struct
 import subprocess
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from usd_tracks import moving
 
 from asglight.cli.main import main
+from asglight.errors import InputError
 from asglight.export import write_gltf
 from asglight.lobes import Form, LobeTracks, asg, motion
 from asglight.sphere import latlong
@@ -190,3 +192,23 @@ def test_blender_reads_direction_intensity_and_colour_over_time(tmp_path: Path) 
             x, y, z = lobes.axes[index, 2].tolist()
             np.testing.assert_allclose(lights[name]["towards"], [x, -z, y], atol=1e-5)
             np.testing.assert_allclose(lights[name]["light"], wanted[index], rtol=2e-3)
+
+
+def test_a_rate_whose_seconds_no_file_can_hold_is_refused(tmp_path: Path) -> None:
+    tracks = replace(moving([1, 2]), fps=1e-300)
+    with pytest.raises(InputError, match="fps: 1e-300; expected a rate whose seconds"):
+        write_gltf(tmp_path / "slow.glb", tracks, tracks.names)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_pipe_is_not_replaced_by_a_file(tmp_path: Path) -> None:
+    pipe, tracks = tmp_path / "pipe.glb", moving([1])
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match=r"pipe\.glb: is a pipe or a device; expected a file"):
+        write_gltf(pipe, tracks, tracks.names)
+    assert pipe.is_fifo()
+    stage = tmp_path / "pipe.usda"
+    os.mkfifo(stage)
+    with pytest.raises(InputError, match=r"pipe\.usda: is a pipe or a device; expected a file"):
+        write_usd(tracks, stage)
+    assert stage.is_fifo()

@@ -210,7 +210,7 @@ def print_summary(
             print(following_table(record["sequence"]["methods"]))
             print(ahead_on_the_sequence(record))
         print()
-    print(f"{folder / 'bench.html'}: everything, in one page")
+    print(f"{shown(folder / 'bench.html')}: everything, in one page")
     if worse is not None:
         print(verdict(worse))
 

@@ -17,6 +17,7 @@ from asglight.cli.printing import print_json, size
 from asglight.cli.progress import reporter
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
+from asglight.images.message import shown
 from asglight.judging.compare.maps import (
     FLOATS,
     FLOATS_MIN,
@@ -143,7 +144,7 @@ def print_tables(comparison: Comparison, name: str, picture: str) -> None:
     console = Console(width=WIDTH, highlight=False)
     console.print(errors_table(comparison.results, name))
     console.print(spheres_table(comparison.results))
-    console.print(f"{picture}: all methods in one picture", markup=False, soft_wrap=True)
+    console.print(f"{shown(picture)}: all methods in one picture", markup=False, soft_wrap=True)
 
 
 def errors_table(results: Sequence[Result], name: str) -> Table:

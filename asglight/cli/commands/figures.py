@@ -18,6 +18,7 @@ from asglight.cli.sources import built_in
 from asglight.errors import InputError
 from asglight.fitting.options import LOBES
 from asglight.fitting.paper import fit as paper
+from asglight.images.message import shown
 from asglight.judging.paper_figures.data import LOBE_COUNTS, ROWS, STARTS, STEPS, Plan
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(document)
     else:
-        print("\n".join([caption, "", *map(str, paths)]))
+        print("\n".join([caption, "", *map(shown, paths)]))
     return 0
 
 

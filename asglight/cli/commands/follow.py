@@ -3,6 +3,7 @@
 
 import argparse
 import math
+import os
 import re
 import sys
 import time
@@ -90,10 +91,7 @@ def _feed(arguments: argparse.Namespace) -> "Iterator[Taken]":
         InputError: Options of one kind of feed are given with the other.
     """
     if arguments.source == STANDARD_INPUT:
-        form = _raw_format(arguments)
-        from asglight.arrays.feeds import raw_frames
-
-        return raw_frames(sys.stdin.buffer, form, every=arguments.every)
+        return _raw_frames(_raw_format(arguments), every=arguments.every)
     for option in ("--size", "--type"):
         if getattr(arguments, option.removeprefix("--")) is not None:
             raise InputError(f"{option}: given with images; expected it with raw frames only.")
@@ -111,6 +109,14 @@ def _feed(arguments: argparse.Namespace) -> "Iterator[Taken]":
         idle=idle,
         on_skip=lambda why: _say(f"passed over: {why}"),
     ).frames()
+
+
+def _raw_frames(form: "RawFormat", *, every: bool) -> "Iterator[Taken]":
+    from asglight.arrays.feeds import raw_frames
+
+    # not Python's own: while a thread waits in it, the interpreter cannot end
+    with os.fdopen(os.dup(sys.stdin.fileno()), "rb", buffering=0) as stream:
+        yield from raw_frames(stream, form, every=every)
 
 
 def _raw_format(arguments: argparse.Namespace) -> "RawFormat":

@@ -47,7 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     if image_info.is_images(arguments.stage):
         return image_info.run(arguments)
-    for option in given(read_options(arguments)):
+    of_frames = [] if arguments.frames is None else ["--frames"]
+    for option in [*given(read_options(arguments)), *of_frames]:
         raise InputError(f"{option}: given with a stage; expected it with images only.")
     from asglight.usd import read_stage
     from asglight.usd.read.between import samples_between

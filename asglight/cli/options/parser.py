@@ -131,7 +131,7 @@ def add_rig_option(parser: argparse.ArgumentParser) -> None:
 def frame_rate(text: str) -> float:
     """Parse a frame rate: `24`, `23.976` or `24000/1001`."""
     try:
-        return float(Fraction(text))
+        return float(Fraction(text) if "/" in text else text)
     except (ValueError, ZeroDivisionError, OverflowError):
         raise argparse.ArgumentTypeError(
             f"{text!r} is no frame rate; expected a number such as 24, 23.976 or 24000/1001"

@@ -47,6 +47,8 @@ def check_target(path: Path, suffixes: Sequence[str]) -> None:
         )
     if path.is_dir():
         raise InputError(f"{shown(path)}: is a folder; expected a file to write.")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{shown(path)}: is a pipe or a device; expected a file to write.")
 
 
 def check_images_apart(path: Path) -> None:

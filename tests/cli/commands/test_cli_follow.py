@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`asglight follow`: a line of JSON a frame, from files and from raw frames; what it refuses."""
 
-import io
 import json
+import os
 import re
 import types
 from pathlib import Path
@@ -17,7 +17,10 @@ from asglight.export.frame_line import frame_line
 
 
 def feed(monkeypatch: pytest.MonkeyPatch, data: bytes) -> None:
-    monkeypatch.setattr("sys.stdin", types.SimpleNamespace(buffer=io.BytesIO(data)))
+    reads, writes = os.pipe()
+    os.write(writes, data)  # of some frames it holds all
+    os.close(writes)
+    monkeypatch.setattr("sys.stdin", types.SimpleNamespace(fileno=lambda: reads))
 
 
 def without_times(line: str) -> dict:
@@ -97,6 +100,7 @@ FAULTS = [
     ("in --lobes 0 --idle 1", "lobes: 0"),
     ("in --idle 0.1", "in: no image came; expected some. Is it the folder that is written?"),
     ("none/sky.####.exr --idle 1", "none/sky.####.exr: there is no folder none"),
+    ("none", "none: is not there; expected the folder that is written, or a pattern such as"),
 ]
 
 
