@@ -37,7 +37,7 @@ def named_as(tracks: LobeTracks, earlier: LobeTracks) -> LobeTracks:
     common, or less than half of the light, is of another environment: then they are named anew.
     """
     tracks = by_energy(tracks)
-    same = _same_lobes(tracks, earlier)
+    same = same_lobes(tracks, earlier)
     if same is None:
         return tracks
     new = [index for index in range(tracks.lobes.count) if index not in same.values()]
@@ -49,16 +49,15 @@ def named_as(tracks: LobeTracks, earlier: LobeTracks) -> LobeTracks:
     return replace(named, display_names={**named.display_names, **kept})
 
 
-def _in_order(tracks: LobeTracks, order: list[int], names: tuple[str, ...]) -> LobeTracks:
-    """Return the lobes in another order under other names; people call them as before."""
-    called = zip(names, (tracks.names[index] for index in order), strict=True)
-    shown = {new: tracks.display_names[old] for new, old in called if old in tracks.display_names}
-    lobes = tracks.lobes.select(torch.tensor(order, device=tracks.lobes.axes.device))
-    return replace(tracks, lobes=lobes, names=names, display_names=shown)
+def same_lobes(tracks: LobeTracks, earlier: LobeTracks) -> dict[int, int] | None:
+    """Return which lobe each lobe of an earlier fit is now; None for another environment.
 
+    Those whose light is gone are left out.
 
-def _same_lobes(tracks: LobeTracks, earlier: LobeTracks) -> dict[int, int] | None:
-    """Return which lobe each lobe of the earlier fit is now; None for another environment."""
+    Args:
+        tracks: The fit as it is now.
+        earlier: What is to be found again in it.
+    """
     common = sorted(set(tracks.frames) & set(earlier.frames))
     if not common or tracks.lobes.form is not earlier.lobes.form:
         return None
@@ -77,3 +76,11 @@ def _same_lobes(tracks: LobeTracks, earlier: LobeTracks) -> dict[int, int] | Non
     same = {i: j for i, j in found if float(saved[i, j]) > 0}
     light = shares(before, after)[0][..., 0].mean(0)  # [N]
     return same if float(light[list(same)].sum()) >= SAME_LIGHT else None
+
+
+def _in_order(tracks: LobeTracks, order: list[int], names: tuple[str, ...]) -> LobeTracks:
+    """Return the lobes in another order under other names; people call them as before."""
+    called = zip(names, (tracks.names[index] for index in order), strict=True)
+    shown = {new: tracks.display_names[old] for new, old in called if old in tracks.display_names}
+    lobes = tracks.lobes.select(torch.tensor(order, device=tracks.lobes.axes.device))
+    return replace(tracks, lobes=lobes, names=names, display_names=shown)

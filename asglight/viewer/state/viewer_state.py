@@ -23,7 +23,7 @@ from asglight.viewer.state.display import (
     Display,
     Subject,
 )
-from asglight.viewer.state.edits import editing
+from asglight.viewer.state.edits import carrying, editing
 from asglight.viewer.state.edits.editing import Editing, Moment
 from asglight.viewer.state.edits.history import EditHistory
 from asglight.viewer.state.held import Held
@@ -203,7 +203,13 @@ class ViewerState:
     def replace_tracks(self, tracks: LobeTracks) -> None:
         """Take over newer lobes, with the edits that were made to the older ones."""
         had_lobes = self.tracks.lobes.count > 0
-        self.history = self.history.over(tracks)
+        places, edits = carrying.places_in(tracks, self.history.original), self.history.edits
+        self.history = self.history.over(tracks, places)
+        places.select(self.selection)
+        self.renaming = places.renaming(self.renaming)
+        lost = len(edits) - len(self.history.edits)
+        if lost:
+            self.message = carrying.gone(lost)
         if not had_lobes:
             self.select(self.brightest())
         if tracks.frames != self.playback.frames:

@@ -181,13 +181,14 @@ def test_muting_several_makes_them_all_what_the_first_is_not() -> None:
     assert history.muted == {1}
 
 
-def test_an_added_lobe_outlives_new_frames_of_its_stage_only_in_its_place() -> None:
+def test_an_added_lobe_stays_the_last_when_its_stage_comes_with_more_lobes() -> None:
     history = EditHistory(moving(range(3)))
     editing.add(history, 0, (1.0, 0.0, 0.0))
     moved = history.over(moving(range(3)))
     assert moved.tracks.lobes.count == 4
     more = history.over(moving(range(3), lobes=5))
-    assert more.tracks.lobes.count == 5  # its place is taken: it is let go
+    assert more.tracks.lobes.count == 6
+    assert more.edited_lobes == (5,)
 
 
 def test_a_lobe_cannot_be_added_out_of_order() -> None:

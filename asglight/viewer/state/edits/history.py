@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tracks, and the steps in which they were edited: undone and redone one after the other."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from asglight.lobes import Lobes, LobeTracks
 from asglight.viewer.state.edits import applying
+from asglight.viewer.state.edits.carrying import Places, places_in
 from asglight.viewer.state.edits.edit import Add, AnyEdit, Delete, Edit, Mute, Rename, Restore
 
 Step = tuple[AnyEdit, ...]
@@ -190,28 +191,23 @@ class EditHistory:
         """Remember which steps a file holds; those made since are unsaved."""
         self._saved = steps
 
-    def over(self, original: LobeTracks) -> "EditHistory":
-        """Return a history of other tracks with the edits of this one that they can take.
+    def over(self, original: LobeTracks, places: Places | None = None) -> "EditHistory":
+        """Return a history of other tracks with the edits of this one, of the same lights.
 
         Args:
             original: Tracks of the same frames, such as those that a fit has gone on with.
+            places: Where the lobes are in them; found by their light where it is not known yet.
         """
-        moved = EditHistory(original, self._first.muted, are_keys=self.are_keys)
+        if places is None:
+            places = places_in(original, self.original)
+        muted = places.of_all(self._first.muted)
+        moved = EditHistory(original, muted, are_keys=self.are_keys)
         for done in self._done:
-            moved.add(*moved.taken(done.step))
-        moved.drag(*moved.taken(self._live))
+            moved.add(*places.edits(done.step))
+        moved.drag(*places.edits(self._live))
         moved._undone = self._undone.copy()
-        moved._saved = self._saved
+        moved._saved = tuple(_carried(self._saved, places))
         return moved
-
-    def taken(self, step: Step) -> Step:
-        """Return the edits of a step that these tracks can take."""
-        count = self.tracks.lobes.count
-        return tuple(
-            edit
-            for edit in step
-            if (edit.lobe == count if isinstance(edit, Add) else edit.lobe < count)
-        )
 
     @property
     def can_undo(self) -> bool:
@@ -316,3 +312,8 @@ class EditHistory:
 def _emptied(tracks: LobeTracks) -> LobeTracks:
     """Return tracks without their numbers, only to know how many lobes there were."""
     return replace(tracks, frames=(), lobes=tracks.lobes[:0])
+
+
+def _carried(steps: Sequence[Step], places: Places) -> list[Step]:
+    """Return steps of the same lights, without those that nothing is left of."""
+    return [step for step in map(places.edits, steps) if step]
