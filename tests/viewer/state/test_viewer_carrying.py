@@ -12,6 +12,7 @@ from asglight.lobes import LobeTracks
 from asglight.viewer.state.edits import acting, carrying
 from asglight.viewer.state.edits.carrying import places_in
 from asglight.viewer.state.edits.edit import Mute, Rename, scale_amplitude
+from asglight.viewer.state.edits.history import EditHistory
 from asglight.viewer.state.session import padded
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Renaming
@@ -57,6 +58,18 @@ def test_edits_and_selection_go_with_their_lights_to_the_stage_that_is_written(c
     state.history.cancel()
     state.history.redo()
     assert state.history.names[1] == "window"
+
+
+def test_what_was_undone_cannot_be_made_again_to_a_light_that_is_gone() -> None:
+    history = EditHistory(moving(FRAMES, lobes=4))
+    history.add(Mute(0))
+    history.add(scale_amplitude(2, None, 1.0))
+    history.undo()
+    history.undo()
+    after = history.over(reordered(history.original))
+    after.redo()
+    assert after.muted == {2}
+    assert not after.can_redo
 
 
 def test_frames_that_come_move_nothing_and_are_not_matched(

@@ -205,7 +205,7 @@ class EditHistory:
         for done in self._done:
             moved.add(*places.edits(done.step))
         moved.drag(*places.edits(self._live))
-        moved._undone = self._undone.copy()
+        moved._undone = _carried(self._undone, places)
         moved._saved = tuple(_carried(self._saved, places))
         return moved
 
