@@ -17,6 +17,7 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.viewer.io.autosave import Autosave
 from asglight.viewer.io.browsing import Browser
+from asglight.viewer.io.saves import Save, Saves
 from asglight.viewer.io.saving import (
     check_can_save,
     edited,
@@ -91,7 +92,7 @@ class Documents:
         self._opener = opener
         self._autosaves = autosaves
         self._writer = ThreadPoolExecutor(1)
-        self._saving: tuple[Path, Future[None], tuple[Step, ...] | None] | None = None
+        self._saves = Saves()
         self._after_save: Callable[[], None] | None = None
         self._pending: _Pending | None = None
         self._kept: tuple[Step, ...] = ()
@@ -113,7 +114,7 @@ class Documents:
     @property
     def is_busy(self) -> bool:
         """Whether something is read or written at this moment."""
-        return self._saving is not None or self._pending is not None
+        return bool(self._saves) or self._pending is not None
 
     def update(self) -> None:
         """Take in what has been read and written since the last picture."""
@@ -207,10 +208,13 @@ class Documents:
             pixels: The picture, if that is saved.  [H, W, 3]
         """
         if pixels is not None:
-            self._saving = path, self._writer.submit(write_png, path, pixels), None
+            written = self._writer.submit(write_png, path, pixels)
+            self._saves.add(Save(path, written, self.session))
         elif self.ask(request):
-            edits = edited(self.session)
-            self._saving = path, self._writer.submit(save_edits, edits, path), edits.steps
+            edits, then = edited(self.session), self._after_save
+            self._after_save = None
+            written = self._writer.submit(save_edits, edits, path)
+            self._saves.add(Save(path, written, self.session, edits.steps, then))
         else:
             return
         self.state.message = f"Saving {shown(path.name)} ..."
@@ -330,22 +334,12 @@ class Documents:
             self.state.message += f" {pending.reference.held_line()}"
 
     def _finish_saving(self) -> None:
-        """Say what came of a save, once it has ended."""
-        if self._saving is None or not self._saving[1].done():
-            return
-        path, written, steps = self._saving
-        self._saving = None
-        then, self._after_save = self._after_save, None
-        try:
-            written.result()
-        except InputError as error:
-            self.state.message = str(error)
-            return
-        self.state.message = f"Saved {shown(path.name)}."
-        if steps is not None:
-            self.state.history.mark_saved(steps)
-            if then is not None:
-                then()
+        """Say what came of saves that have ended."""
+        said, there = self._saves.ended()
+        self.state.message = said or self.state.message
+        for save in there:
+            if save.then is not None and save.session is self.session:
+                save.then()
 
     def _own_autosave(self) -> Autosave | None:
         stage = self.session.stage
