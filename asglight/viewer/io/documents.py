@@ -15,6 +15,7 @@ import numpy as np
 
 from asglight.errors import InputError
 from asglight.images.message import shown
+from asglight.viewer.io.against import against_of
 from asglight.viewer.io.autosave import Autosave
 from asglight.viewer.io.browsing import Browser
 from asglight.viewer.io.saves import Save, Saves
@@ -26,7 +27,6 @@ from asglight.viewer.io.saving import (
     write_png,
 )
 from asglight.viewer.reference.images import Reference, open_reference, whole_sequence
-from asglight.viewer.state.compared.against import Against
 from asglight.viewer.state.edits.history import Step
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.viewer_state import ViewerState
@@ -184,18 +184,13 @@ class Documents:
         """Hold the fit of another stage against this one; what goes wrong becomes the message."""
         try:
             session = self._opener(path)
-            if session is None:
-                raise InputError(
-                    f"{shown(Path(path).name)}: images; expected a stage to be B. To compare with "
-                    "images, open them."
-                )
-            with contextlib.closing(session):
-                tracks = session.state.history.lit_tracks
-                self.state.compare_against(Against(session.title, tracks))
+            with contextlib.nullcontext() if session is None else contextlib.closing(session):
+                against = against_of(session, path)
+            self.state.compare_against(against)
         except InputError as error:
             self.state.message = str(error)
             return
-        self.state.message = f"B is {session.title}."
+        self.state.message = f"B is {against.name}."
 
     def save(self, request: Request, path: Path, pixels: np.ndarray | None = None) -> None:
         """Save what is asked for; what came of it becomes the message.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Documents without a window: saves that overlap, and stages that are held against one another."""
+"""Documents without a window: saves that overlap, and stages that are to be B."""
 
 import time
 from collections.abc import Iterator
@@ -7,10 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from key_cases import Rectangle, with_lamps
+from keyed_stages import FRAMES, write
 
 from asglight.cli.sources.opening import Request as Opening
 from asglight.cli.sources.opening import opened, opened_in_window
+from asglight.images import write_exr
+from asglight.usd import read_usd
 from asglight.viewer.io.documents import Documents
+from asglight.viewer.state.session import Session, no_lobes
+from asglight.viewer.state.source import FixedSource
+from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Request
 
 PIXELS = np.zeros((4, 4, 3), np.uint8)
@@ -64,3 +72,30 @@ def test_a_save_that_ends_after_another_stage_was_opened_is_not_of_that_one(
     documents.question = None
     assert finished(documents).endswith("Saved edits.usda.")
     assert not documents.state.history.is_unsaved
+
+
+def test_of_a_stage_with_keys_the_fitted_lobes_are_b(documents: Documents, tmp_path: Path) -> None:
+    sky = with_lamps(64, Rectangle(20, 30, 15, 20, 9))
+    for frame in FRAMES[:2]:
+        write_exr(tmp_path / f"sky.{frame}.exr", sky, half=False)
+    write(tmp_path, frames=FRAMES[:2], count=1)
+    keyed = tmp_path / "shot.usda"
+    documents.open_against(str(keyed))
+    assert documents.state.message == "B is shot.usda."
+    against = documents.state.against
+    assert against is not None
+    wanted = read_usd(keyed)
+    assert against.tracks.names == wanted.names
+    assert torch.equal(against.tracks.lobes.amplitude, wanted.lobes.amplitude)
+
+
+def test_a_stage_that_is_not_written_yet_cannot_be_b(documents: Documents, tmp_path: Path) -> None:
+    state = ViewerState(no_lobes((1001, 1002), 24.0))
+    late = Session(state, FixedSource(state.tracks), "late.usda", tmp_path / "late.usda")
+    documents = Documents(documents.session, lambda _: late)
+    documents.open_against("late.usda")
+    assert documents.state.against is None
+    assert documents.state.message == (
+        "late.usda: is not written yet; expected a stage with lobes to be B. Wait for the fit "
+        "to end."
+    )
