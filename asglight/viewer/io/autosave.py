@@ -10,6 +10,7 @@ import hashlib
 import itertools
 import json
 import os
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -56,13 +57,16 @@ class Autosave:
         self._stem = f"{stage.stem}_{digest}"
         self._folder = folder
         self._lock: FileLock | None = None
+        self._is_own = False
         self.path = self._numbered(0)
         with suppress(OSError):  # `keep` will say so
             folder.mkdir(parents=True, exist_ok=True)
-            self._take()
+            self._take(itertools.chain(self._left(), self._numbers()))
 
     def keep(self, tracks: LobeTracks, steps: tuple[Step, ...]) -> None:
         """Write the steps of edits of tracks, in place of those that were kept.
+
+        What another window has left, and was not offered in this one, stays in its file.
 
         Raises:
             InputError: The file cannot be written.
@@ -80,22 +84,29 @@ class Autosave:
                 f"{self._folder}: cannot be made ({error.strerror}); expected a folder for "
                 "unsaved edits. Save the edits as a layer instead."
             ) from error
+        if not self._is_own and _steps_in(self.path):
+            self._take(path for path in self._numbers() if not path.exists())
         with written_beside(self.path) as place:
             place.write_text(json.dumps(content))
+        self._is_own = True
 
     def found(self, tracks: LobeTracks) -> tuple[Step, ...]:
         """Return the kept steps that tracks can take; none where they are of other lobes.
 
-        A file that cannot be read counts as none: it is not worth keeping a stage from opening.
+        All files are looked at that no window has. One that cannot be read counts as none: it is
+        not worth keeping a stage from opening.
         """
-        with suppress(OSError, ValueError, TypeError, KeyError, AttributeError):
-            content = json.loads(self.path.read_text())
-            if (content["lobes"], content["frames"]) == (list(tracks.names), list(tracks.frames)):
-                return tuple(tuple(map(_from_json, step)) for step in content["steps"])
+        for path in dict.fromkeys((self.path, *self._left())):
+            steps = _steps_in(path, tracks)
+            if steps and (path == self.path or self._take([path])):
+                self._is_own = True
+                return steps
         return ()
 
     def drop(self) -> None:
-        """Forget what was kept."""
+        """Forget what was kept, or found; what was not even offered stays."""
+        if not self._is_own:
+            return
         with suppress(OSError):
             os.remove(self.path)
 
@@ -108,15 +119,34 @@ class Autosave:
     def _numbered(self, number: int) -> Path:
         return self._folder / f"{self._stem}_{number}.json"
 
-    def _take(self) -> None:
-        """Lock the first file that nobody has, one that holds edits before any other."""
-        left = sorted(self._folder.glob(f"{self._stem}_*.json"))
-        for path in itertools.chain(left, map(self._numbered, itertools.count())):
-            lock = FileLock(path.with_suffix(".lock"))
+    def _numbers(self) -> Iterator[Path]:
+        return map(self._numbered, itertools.count())
+
+    def _left(self) -> list[Path]:
+        """Return the files that hold edits, those of other windows among them."""
+        return sorted(self._folder.glob(f"{self._stem}_*.json"))
+
+    def _take(self, paths: Iterable[Path]) -> bool:
+        """Lock the first of some files that nobody has, and let go of the one before."""
+        for path in paths:
+            # Not of one thread: edits are kept in another.
+            lock = FileLock(path.with_suffix(".lock"), thread_local=False)
             with suppress(Timeout):
                 lock.acquire(timeout=0)
+                self.close()
                 self.path, self._lock = path, lock
-                return
+                return True
+        return False
+
+
+def _steps_in(path: Path, tracks: LobeTracks | None = None) -> tuple[Step, ...]:
+    """Return the steps that a file holds, if they are of the lobes of tracks, or any at all."""
+    with suppress(OSError, ValueError, TypeError, KeyError, AttributeError):
+        content = json.loads(path.read_text())
+        names, frames = content["lobes"], content["frames"]
+        if tracks is None or (names, frames) == (list(tracks.names), list(tracks.frames)):
+            return tuple(tuple(map(_from_json, step)) for step in content["steps"])
+    return ()
 
 
 def _as_json(edit: AnyEdit) -> dict[str, Any]:

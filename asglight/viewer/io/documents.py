@@ -15,6 +15,7 @@ import numpy as np
 
 from asglight.errors import InputError
 from asglight.images.message import shown
+from asglight.lobes import LobeTracks
 from asglight.viewer.io.against import against_of
 from asglight.viewer.io.autosave import Autosave
 from asglight.viewer.io.browsing import Browser
@@ -98,6 +99,7 @@ class Documents:
         self._kept: tuple[Step, ...] = ()
         self._keeping: Future[None] | None = None
         self._autosave = self._own_autosave()
+        self._asked_for: LobeTracks | None = None
         self._offer()
 
     @property
@@ -120,6 +122,7 @@ class Documents:
         """Take in what has been read and written since the last picture."""
         self._finish_saving()
         self._finish_pending()
+        self._offer()
         self._keep()
 
     def ask(self, request: Request) -> bool:
@@ -281,7 +284,7 @@ class Documents:
         self.session = session
         self._autosave = self._own_autosave()
         self.has_new_session = True
-        self._kept = ()
+        self._kept, self._asked_for = (), None
         self._opened(path)
         self._offer()
 
@@ -362,17 +365,22 @@ class Documents:
             autosave.drop()
 
     def _offer(self) -> None:
-        """Offer the edits that a program or a machine ended with."""
-        autosave, history = self._autosave, self.state.history
-        steps = () if autosave is None else autosave.found(history.original)
-        if autosave is None or not steps:
+        """Offer the edits that a program or a machine ended with, once there are their lobes."""
+        autosave, original = self._autosave, self.state.history.original
+        had = self._asked_for
+        is_known = had is not None and (had.names, had.frames) == (original.names, original.frames)
+        if autosave is None or self._kept or is_known or self.question is not None:
+            return
+        self._asked_for = original
+        steps = autosave.found(original)
+        if not steps:
             return
         self._kept = steps
 
         def _restore() -> None:
-            for step in steps:
-                self.state.history.add(*step)
-            self.state.message = f"Restored {_counted(len(steps))}. They are not saved yet."
+            # The question may have stood while a fit went on to its stage.
+            count = self.state.history.restore(steps, original)
+            self.state.message = f"Restored {_counted(count)}. They are not saved yet."
 
         text = (
             f"asglight ended before {_counted(len(steps))} of {self.session.title} "

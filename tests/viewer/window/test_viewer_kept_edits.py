@@ -3,6 +3,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,10 @@ import pytest
 import windows
 from windows import Driven, brighten, press, wait_for
 
+from asglight.lobes import LobeTracks
 from asglight.usd import read_usd
 from asglight.viewer.io.autosave import Autosave
+from asglight.viewer.io.documents import Documents
 from asglight.viewer.state.edits.edit import (
     Add,
     Delete,
@@ -22,6 +25,9 @@ from asglight.viewer.state.edits.edit import (
     scale_amplitude,
     turn,
 )
+from asglight.viewer.state.session import Session, no_lobes
+from asglight.viewer.state.source import FixedSource
+from asglight.viewer.state.viewer_state import ViewerState
 
 pytestmark = pytest.mark.usefixtures("no_system_dialog")
 
@@ -111,3 +117,65 @@ def test_two_windows_on_one_stage_keep_their_edits_apart(stage: Path, tmp_path: 
     last = Autosave(tmp_path, stage)
     assert last.found(tracks) == ((Mute(0),),)
     last.close()
+
+
+def running(tracks: LobeTracks, stage: Path, kept: Path) -> Documents:
+    """Return a fit that is watched, and has no lobes yet."""
+    state = ViewerState(no_lobes(tracks.frames, tracks.fps))
+    session = Session(state, FixedSource(tracks), stage.name, stage)
+    return Documents(session, lambda _: None, kept)
+
+
+def ended(documents: Documents) -> None:
+    """Let a program end without a word of the user, after what it keeps is kept."""
+    documents.update()
+    documents.close(is_wanted=False)
+
+
+def test_edits_of_a_running_fit_are_offered_when_its_first_lobes_come(
+    two_lamps: LobeTracks, tmp_path: Path
+) -> None:
+    kept, stage = tmp_path / "unsaved", tmp_path / "late.usda"
+    first = running(two_lamps, stage, kept)
+    first.session.update()
+    first.update()
+    first.state.toggle_mute(1)
+    ended(first)
+    closed = running(two_lamps, stage, kept)  # before any lobes came
+    closed.update()
+    closed.close(is_wanted=True)
+    again = running(two_lamps, stage, kept)
+    again.update()
+    assert again.question is None
+    again.session.update()
+    again.update()
+    assert again.question is not None
+    dict(again.question.answers)["Restore them"]()
+    again.question = None
+    assert again.state.history.muted == {1}
+    again.close(is_wanted=True)
+    assert not list(kept.glob("*.json"))
+
+
+def test_kept_edits_that_could_not_be_offered_outlive_those_of_other_lobes(
+    two_lamps: LobeTracks, tmp_path: Path
+) -> None:
+    kept, stage = tmp_path / "unsaved", tmp_path / "late.usda"
+    ended_fit = replace(two_lamps, names=("lobe_07", "lobe_09"))
+    for tracks in (two_lamps, ended_fit):
+        documents = running(tracks, stage, kept)
+        documents.session.update()
+        documents.update()
+        assert documents.question is None
+        documents.state.toggle_mute(0)
+        ended(documents)
+    assert len(list(kept.glob("*.json"))) == 2
+    for tracks in (ended_fit, two_lamps):
+        documents = running(tracks, stage, kept)
+        documents.session.update()
+        documents.update()
+        assert documents.question is not None
+        dict(documents.question.answers)["Discard them"]()
+        documents.question = None
+        documents.close(is_wanted=True)
+    assert not list(kept.glob("*.json"))

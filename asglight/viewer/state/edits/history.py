@@ -209,6 +209,21 @@ class EditHistory:
         moved._saved = tuple(_carried(self._saved, places))
         return moved
 
+    def restore(self, steps: Sequence[Step], original: LobeTracks) -> int:
+        """Make steps again that were made to other tracks of the shot, of the same lights.
+
+        Args:
+            steps: They are made one after the other.
+            original: Those tracks, before any edit.
+
+        Returns:
+            How many there are without those whose light is gone.
+        """
+        carried = _carried(steps, places_in(self.original, original))
+        for step in carried:
+            self.add(*step)
+        return len(carried)
+
     @property
     def can_undo(self) -> bool:
         """Whether `undo` does anything."""
