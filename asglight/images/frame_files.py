@@ -110,10 +110,7 @@ def find(source: str | Path) -> FrameFiles:
 
 
 def find_growing(source: str | Path) -> FrameFiles:
-    """Find the files of a source that grows: one file with a number begins a sequence.
-
-    Args:
-        source: A folder or a pattern.
+    """Find the files of a folder or pattern that grows: one with a number begins a sequence.
 
     Raises:
         InputError: As `find`.
