@@ -89,11 +89,12 @@ def write_screenshot(
         is_bare: Whether to leave the panels out: the balls alone.
 
     Raises:
-        InputError: A package is missing, there is no OpenGL, the lobes cannot be had, or the file
-            cannot be written.
+        InputError: A package is missing, there is no OpenGL, the lobes cannot be had, the file
+            cannot be written, or it is one that the session is read from.
     """
     with _explained_imports():
-        from asglight.viewer.io import saving, screenshot
+        from asglight.viewer.io import inputs, saving, screenshot
+    inputs.check_apart(session, [path])
     session.wait()
     session.state.select(session.state.brightest())  # a fit had no light before
     saving.write_png(path, screenshot.window_picture(session, size, is_bare=is_bare))

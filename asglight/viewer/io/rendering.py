@@ -19,6 +19,7 @@ from asglight.images.exr_writer import write_exr
 from asglight.viewer.gl.arrangement import cells, strip
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.io.film import Film
+from asglight.viewer.io.inputs import check_apart
 from asglight.viewer.io.saving import display_pixels, write_png
 from asglight.viewer.io.wanted import Wanted
 from asglight.viewer.state.compared.titles import titles
@@ -48,7 +49,7 @@ class Rendering:
             wanted: What to write.
 
         Raises:
-            InputError: It cannot be written.
+            InputError: It cannot be written, or would replace what the session is read from.
         """
         self._session, self._renderer, self._wanted = session, renderer, wanted
         state = session.state
@@ -60,6 +61,8 @@ class Rendering:
         self.count, self.done = len(self._steps), 0
         wanted.check(self.count)
         is_film = wanted.path.suffix.lower() == ".mp4"
+        targets = [wanted.path] if is_film else [wanted.file(step[0]) for step in self._steps]
+        check_apart(session, targets)
         self._film = Film(wanted.path, wanted.size, state.playback.fps) if is_film else None
 
     def step(self) -> bool:

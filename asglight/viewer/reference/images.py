@@ -27,6 +27,7 @@ class Reference:
         frames: The frames that have an image, ascending.
         timeline: The same with those that are missing.
         is_still: One image serves every frame.
+        files: What is read, where it lies in files.
     """
 
     def __init__(
@@ -36,6 +37,7 @@ class Reference:
         read: Callable[[int], np.ndarray],
         *,
         missing: Sequence[int] = (),
+        files: Sequence[Path] = (),
         byte_budget: int = BYTE_BUDGET,
     ) -> None:
         """Start to decode.
@@ -45,12 +47,14 @@ class Reference:
             frames: Frame numbers, ascending, at least one.
             read: Returns the radiance of a frame, float32 [H, W, 3]; called in several threads.
             missing: Frame numbers between them that have no image.
+            files: What `read` reads, where that lies in files.
             byte_budget: Bytes to fill with decoded images.
         """
         self.name = name
         self.frames = tuple(frames)
         self.timeline = tuple(sorted({*frames, *missing}))
         self.is_still = len(self.frames) == 1
+        self.files = tuple(files)
         self._cache = FrameCache(read, self.frames, byte_budget=byte_budget)
 
     def look_at(self, frame: int, direction: int = 0) -> None:
@@ -157,4 +161,5 @@ def open_reference(
     def read(frame: int) -> np.ndarray:
         return sequence.read(frame).radiance.contiguous().numpy()
 
-    return Reference(sequence.name, existing, read, missing=sequence.missing_frames)
+    files = [sequence.path(frame) for frame in existing]
+    return Reference(sequence.name, existing, read, missing=sequence.missing_frames, files=files)

@@ -3,6 +3,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -41,7 +42,8 @@ def open_rest(rest: Rest) -> Reference:
             radiance = latlong.reduce(radiance, HEIGHT_MAX, 2 * HEIGHT_MAX)
         return radiance.contiguous().numpy()
 
-    return Reference("the rest", rest.times, read, byte_budget=BYTE_BUDGET // 2)
+    files = sorted({Path(image) for image in rest.images if image})
+    return Reference("the rest", rest.times, read, files=files, byte_budget=BYTE_BUDGET // 2)
 
 
 @lru_cache(maxsize=2)

@@ -218,6 +218,49 @@ def test_the_command_renders_without_a_display(
     assert capsys.readouterr().out == ""
 
 
+def test_no_picture_replaces_what_it_is_made_of(
+    opengl: moderngl.Context,
+    two_lamps: LobeTracks,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    stage = tmp_path / "shot.usda"
+    written_stages.put_every(two_lamps, stage, dome_height=2)
+    for frame in (1001, 1002, 1004):
+        write_exr(tmp_path / f"sky.{frame}.exr", torch.full((8, 16, 3), 0.25))
+    (tmp_path / "linked.0001.exr").hardlink_to(tmp_path / "sky.1002.exr")
+    dome = next(file for file in tmp_path.rglob("*.1002.exr") if file.parent != tmp_path)
+    before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    sky = str(tmp_path / "sky.####.exr")
+    linked = tmp_path / "linked.####.exr"
+    for arguments, file, kind in [
+        ([sky, "--render", sky], "sky.1001.exr", "an image that is shown"),
+        ([str(stage), "--reference", sky, "--render", sky], "sky.1001.exr", "an image that is"),
+        ([sky, "--turntable", "2", "--render", str(linked)], "linked.0001.exr", "an image that"),
+        ([str(stage), "--turntable", "1", "--render", str(dome)], dome.name, "a file of the stage"),
+    ]:
+        assert main(["view", *arguments, "--size", "64x32"]) == 2
+        error = capsys.readouterr().err
+        assert f"{file}: would replace {kind}" in error
+        assert "expected another name or folder" in error
+    after = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    assert after == before
+    opengl.__enter__()
+
+
+def test_no_screenshot_replaces_what_it_is_made_of(
+    opengl: moderngl.Context, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sky = tmp_path / "sky.png"
+    image = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(16, 8, 3, OpenImageIO.UINT8))
+    assert image.write(str(sky))
+    before = sky.read_bytes()
+    assert main(["view", str(sky), "--screenshot", str(sky)]) == 2
+    assert "sky.png: would replace an image that is shown;" in capsys.readouterr().err
+    assert sky.read_bytes() == before
+    opengl.__enter__()
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
