@@ -23,6 +23,7 @@ from asglight.lobes import LobeTracks
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.io import native
+from asglight.viewer.io.film import Film
 from asglight.viewer.io.rendering import Rendering
 from asglight.viewer.io.wanted import Wanted
 from asglight.viewer.state.display import Comparison
@@ -182,6 +183,35 @@ def test_a_film_that_is_left_leaves_no_file(
         rendering.step()
     rendering.close()
     assert list(tmp_path.iterdir()) == []
+
+
+def write_noise(path: Path, count: int) -> None:
+    """Write a film that does not compress."""
+    noise = np.random.default_rng(0).integers(0, 256, (48, 240, 3), np.uint8)
+    made = Film(path, SIZE, 24.0)
+    try:
+        for index in range(count):
+            made.add(np.roll(noise, 7 * index, 1))
+        made.close(is_whole=True)
+    finally:
+        made.close(is_whole=False)  # as a rendering does when it has failed
+
+
+@pytest.mark.parametrize("count", [12, 3000])  # the end fails, or the pipe breaks before
+def test_a_film_that_cannot_be_written_is_told_and_the_old_one_stays(
+    tmp_path: Path, count: int
+) -> None:
+    resource = pytest.importorskip("resource", reason="limits that POSIX has")
+    path = tmp_path / "out.mp4"
+    path.write_bytes(b"the old one")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_240, before[1]))
+    try:
+        with pytest.raises(InputError, match=r"out.mp4: cannot be written .ffmpeg: .*; expected"):
+            write_noise(path, count)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("out.mp4", b"the old one")]
 
 
 @pytest.mark.parametrize(
