@@ -75,6 +75,7 @@ class Rendering:
             return True
         session, state = self._session, self._session.state
         number, place = self._steps[self.done]
+        state.playback.pause()
         place(session)
         status = session.update()
         if status.failure is not None:
@@ -83,7 +84,11 @@ class Rendering:
             return False
         if not session.check_images():
             return False
-        target = self._renderer.balls(state, self._wanted.size)
+        is_dragging, state.is_dragging = state.is_dragging, False  # else it were a preview
+        try:
+            target = self._renderer.balls(state, self._wanted.size)
+        finally:
+            state.is_dragging = is_dragging
         if self._renderer.reference_progress < SAMPLED:
             return False
         self._write(number, target)

@@ -26,6 +26,7 @@ from asglight.viewer.io import native
 from asglight.viewer.io.film import Film
 from asglight.viewer.io.rendering import Rendering
 from asglight.viewer.io.wanted import Wanted
+from asglight.viewer.reference.images import Reference
 from asglight.viewer.state.display import Comparison
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
@@ -145,6 +146,27 @@ def test_labels_name_the_balls_and_the_frame(
         assert changed[y + side : y + side + 30, x : x + side].any()
         inside = changed[y + side // 4 : y + 3 * side // 4, x + side // 4 : x + 3 * side // 4]
         assert not inside.any()
+
+
+def test_pictures_are_those_at_rest_while_the_mouse_is_held_or_the_shot_plays(
+    opengl: moderngl.Context, two_lamps: LobeTracks, tmp_path: Path
+) -> None:
+    sky = np.full((16, 32, 3), 0.1, np.float32)
+    sky[3, 9] = 50.0
+    reference = Reference("sky", two_lamps.frames, lambda frame: sky)
+    state = ViewerState(two_lamps, reference)
+    session = Session(state, FixedSource(two_lamps), "shot.usda")
+    state.playback.last = 0
+    render(opengl, session, Wanted(tmp_path / "rest.png", (240, 96)))
+    held = Rendering(session, Renderer(opengl), Wanted(tmp_path / "held.png", (240, 96)))
+    is_over = False
+    while not is_over:
+        state.is_dragging = True
+        state.playback.play(0.0)
+        is_over = held.step()
+        assert state.is_dragging
+    np.testing.assert_array_equal(pixels(tmp_path / "held.png"), pixels(tmp_path / "rest.png"))
+    state.compare_with(None)
 
 
 def film(path: Path) -> tuple[dict, list[np.ndarray]]:
