@@ -246,7 +246,8 @@ class Renderer:
             state: The session, whose comparison it shows; the wipe as columns of both.
 
         Returns:
-            Radiance with the environment's intensity; 0 where nothing is.  [H, W, 3]
+            Radiance with the environment's intensity, or a ratio of two; 0 where nothing is.
+            [H, W, 3]
         """
         fit, reference = (
             None if picture is None else composed(picture) for picture in self._last or (None, None)
@@ -263,6 +264,8 @@ class Renderer:
             top, rows = strip(self.shown_balls.height, state.parts)
             picture = np.zeros((self.shown_balls.height, *single.shape[1:]), np.float32)
             picture[top : top + rows] = single
+        if shown is Comparison.RATIO:
+            return picture  # of either intensity it is the same
         return picture * np.float32(2.0**state.environment.intensity_ev)
 
     def _pair(self, state: ViewerState, size: tuple[int, int]) -> tuple[Picture, Picture | None]:

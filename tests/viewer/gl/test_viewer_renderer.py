@@ -34,6 +34,26 @@ def with_grey(tracks: LobeTracks) -> ViewerState:
     return state
 
 
+def test_a_ratio_read_back_is_the_same_at_every_intensity(
+    opengl: moderngl.Context, two_lamps: LobeTracks
+) -> None:
+    state = with_grey(two_lamps)
+    state.compared.comparison = Comparison.RATIO
+    renderer = Renderer(opengl)
+
+    def read() -> np.ndarray:
+        renderer.balls(state, SIZE)
+        return renderer.radiance(state)
+
+    state.is_dragging = True  # without noise
+    read()  # the first has no reference yet
+    first = read()
+    assert 0.01 < first.max() < 1000
+    state.environment.intensity_ev = 3.0
+    np.testing.assert_array_equal(read(), first)
+    state.compare_with(None)
+
+
 def test_only_what_changes_the_light_shades_anew(
     opengl: moderngl.Context, two_lamps: LobeTracks
 ) -> None:
