@@ -258,9 +258,9 @@ class ViewerState:
 
     @property
     def lit(self) -> tuple[int, ...]:
-        """Indices of the lobes that light: neither muted nor outside a solo."""
-        solo, muted = self.selection.solo, self.history.muted
-        present = self.history.present
+        """Indices of the lobes that light: neither muted nor outside a solo of lobes there are."""
+        muted, present = self.history.muted, self.history.present
+        solo = self.selection.solo.intersection(present)
         return tuple(n for n in present if n not in muted and (not solo or n in solo))
 
     def lights(self, lobe: int) -> bool:

@@ -15,6 +15,7 @@ from asglight.lobes import Form, Lobes, LobeTracks, asg
 from asglight.viewer.gl.arrangement import cells, hit, mirroring
 from asglight.viewer.state.commands import COMMANDS, command
 from asglight.viewer.state.display import EXPOSURE_EV_MAX, Comparison, Display
+from asglight.viewer.state.edits import acting
 from asglight.viewer.state.edits.absolute import lamp_of
 from asglight.viewer.state.edits.editing import Moment, Scope
 from asglight.viewer.state.inspector import angles_deg, inspect_ball, inspect_map, stops
@@ -68,6 +69,17 @@ def test_solo_and_mute_decide_which_lobes_light(
         state.toggle_mute(lobe)
     assert state.lit == lit
     torch.testing.assert_close(state.lit_lobes.axes, state.lobes.axes[list(lit)])
+
+
+def test_a_solo_of_a_lobe_that_is_undone_leaves_the_others_lit(two_lamps: LobeTracks) -> None:
+    state = ViewerState(two_lamps)
+    acting.add_lobe(state, (0.0, 0.0, 1.0))
+    acting.toggle_solo(state, state.selected)
+    assert state.lit == (2,)
+    state.history.undo()
+    assert state.lit == (0, 1)
+    state.history.redo()
+    assert state.lit == (2,)
 
 
 def test_metering_brings_the_mean_radiance_to_middle_grey(two_lamps: LobeTracks) -> None:
