@@ -119,6 +119,48 @@ def test_scrubbing_while_playing_plays_on_from_there() -> None:
     assert shown(head, [2.5, 3.0, 4.0]) == [1008, 1009, 1010]
 
 
+@pytest.mark.parametrize("pace", list(Pace))
+def test_marks_that_are_set_while_playing_leave_the_playhead_where_it_is(pace: Pace) -> None:
+    head = playback()
+    head.pace = pace
+    head.play(100.0)
+    every = [float(time) for time in range(25)]  # in the third turn
+    assert shown(head, every)[-1] == 1005
+    head.mark_out()
+    assert shown(head, [24.5, 25, 26]) == [1005, 1001, 1002]
+    head.mark_in()
+    assert shown(head, [26.5, 27, 28, 29]) == [1002, 1003, 1004, 1005]
+    head.clear_marks()
+    assert shown(head, [29.5, 30, 31]) == [1005, 1006, 1007]
+
+
+@pytest.mark.parametrize("pace", list(Pace))
+@pytest.mark.parametrize("outside", [1002, 1009])
+def test_a_frame_outside_the_marks_is_followed_by_the_in_point(pace: Pace, outside: int) -> None:
+    head = playback()
+    head.pace = pace
+    head.go_to(1005)
+    head.mark_in()
+    head.go_to(1007)
+    head.mark_out()
+    head.play(100.0)
+    assert shown(head, [0.5]) == [1005]
+    head.go_to(outside)
+    assert shown(head, [0.6, 1.5, 2.5, 3.5, 4.5]) == [outside, 1005, 1006, 1007, 1005]
+    assert head.dropped == 0
+
+
+def test_a_frame_before_the_in_point_does_not_end_what_plays_once() -> None:
+    head = playback()
+    head.go_to(1005)
+    head.mark_in()
+    head.loops = False
+    head.play(100.0)
+    head.go_to(1001)
+    assert shown(head, [0.5, 1, 2]) == [1001, 1005, 1006]
+    assert head.is_playing
+
+
 def test_stepping_pauses() -> None:
     head = playback()
     head.play(100.0)

@@ -88,8 +88,7 @@ class Playback:
     def go_to(self, frame: int) -> None:
         """Move to the frame nearest to a number, of two equally near ones the earlier; play on."""
         self.index, self.part = self._nearest(frame), 0.0
-        if self._clock is not None:
-            self._clock = self._now, self.frame
+        self._go_on_from_here()
 
     def go_to_time(self, time: float) -> None:
         """Move to a time between frames, and pause.
@@ -145,6 +144,8 @@ class Playback:
         self._advance(now)
         if self._clock is not None and self.index != before:
             self._arrivals.append(now)
+            if not self.first <= before <= self.last:
+                return
             if self.index > before:
                 self.dropped += self.index - before - 1
             else:  # around the end
@@ -178,7 +179,12 @@ class Playback:
                 self._arrive(following, start + wait / self.fps if passed < wait + 1 else now)
             return
         begin, length = self.frames[self.first], self._length()
-        position = origin - begin + int(passed + ROUNDING)
+        position = origin - begin
+        if position < 0 or (position >= length and self.loops):
+            position = -1  # a frame outside is looked at for its time; the in point follows
+        position += int(passed + ROUNDING)
+        if position < 0:
+            return
         if position >= length and not self.loops:
             self.index = self.last
             self.pause()
@@ -189,15 +195,23 @@ class Playback:
         """Put the in point at the playhead, and the out point behind it."""
         self.first = self.index
         self.last = max(self.first, self.last)
+        self._go_on_from_here()
 
     def mark_out(self) -> None:
         """Put the out point at the playhead, and the in point before it."""
         self.last = self.index
         self.first = min(self.first, self.last)
+        self._go_on_from_here()
 
     def clear_marks(self) -> None:
         """Play all frames."""
         self.first, self.last = 0, len(self.frames) - 1
+        self._go_on_from_here()
+
+    def _go_on_from_here(self) -> None:
+        """Count from the shown frame on, not from where playing began some loops ago."""
+        if self._clock is not None:
+            self._clock = self._now, self.frame
 
     def _nearest(self, frame: int) -> int:
         after = bisect_left(self.frames, frame)
@@ -211,7 +225,8 @@ class Playback:
 
     def _distance(self, following: int) -> int:
         """Return how many frame times the playhead stays before the next place."""
-        return self.frames[following] - self.frame if following > self.index else 1
+        is_within = self.first <= self.index < following
+        return self.frames[following] - self.frame if is_within else 1
 
     def _length(self) -> int:
         """Return the frame times from the in point to the end of the out point's frame."""
