@@ -254,9 +254,11 @@ class Window:
             is_labelled=request is Request.RENDER_LABELLED,
             turntable=TURNTABLE if request is Request.RENDER_TURNTABLE else None,
         )
+        renderer = Renderer(self.context)
         try:
-            self.rendering = Rendering(self.session, Renderer(self.context), wanted)
+            self.rendering = Rendering(self.session, renderer, wanted)
         except InputError as error:
+            renderer.release()
             self.state.message = str(error)
 
     def _go_on_rendering(self) -> None:

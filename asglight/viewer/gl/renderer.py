@@ -27,6 +27,7 @@ from asglight.viewer.gl.lights.keyed import KeyedBalls, KeyedMap
 from asglight.viewer.gl.passes import BackgroundPass, Picture
 from asglight.viewer.gl.pictures.reading import compared, composed, pixels, texel
 from asglight.viewer.gl.pictures.screens import Name, Pictures, Screens
+from asglight.viewer.gl.releasing import release
 from asglight.viewer.gl.scopes import Scoped, Scopes
 from asglight.viewer.state.display import Comparison, Subject
 from asglight.viewer.state.held import Held
@@ -87,6 +88,11 @@ class Renderer:
         self._draft = Draft()
         self._stopwatch = Stopwatch(context)
         self.reference_progress = 1.0
+
+    def release(self) -> None:
+        """Free what was made on the GPU; nothing can be drawn any more."""
+        self._context.detect_framebuffer(0).use()  # what is bound must exist: see Layer.needs
+        release(self)
 
     @property
     def counts(self) -> Counts:

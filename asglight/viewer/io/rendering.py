@@ -45,7 +45,7 @@ class Rendering:
 
         Args:
             session: What to render.
-            renderer: Draws it, and nothing else meanwhile.
+            renderer: Draws it, and nothing else; released at the end.
             wanted: What to write.
 
         Raises:
@@ -98,7 +98,8 @@ class Rendering:
         return self.done == self.count
 
     def close(self) -> None:
-        """End the film, and go back to where the playhead was."""
+        """End the film, free the renderer, and go back to where the playhead was."""
+        self._renderer.release()
         state = self._session.state
         time, degrees = self._before
         state.playback.go_to_time(time)

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The renderer draws what has changed and nothing else, whatever the context looked like before."""
 
+from collections.abc import Callable
+from typing import Any
+
 import moderngl
 import numpy as np
 import pytest
@@ -13,8 +16,10 @@ from asglight.viewer.gl.draft import DIVISOR_MAX, FAST_S, SLOW_S, Draft, Stopwat
 from asglight.viewer.gl.passes import LobesPass, radiance_target
 from asglight.viewer.gl.renderer import Counts, Renderer
 from asglight.viewer.state.balls import Material
+from asglight.viewer.state.compared.against import Against
 from asglight.viewer.state.display import Comparison, Subject
 from asglight.viewer.state.viewer_state import ViewerState
+from asglight.viewer.state.views import Scene
 from asglight.viewer.uniforms.map_lobes import widened
 
 SIZE = (96, 16)
@@ -51,6 +56,43 @@ def test_a_ratio_read_back_is_the_same_at_every_intensity(
     assert 0.01 < first.max() < 1000
     state.environment.intensity_ev = 3.0
     np.testing.assert_array_equal(read(), first)
+    state.compare_with(None)
+
+
+def test_a_renderer_that_is_released_leaves_nothing_on_the_gpu(
+    opengl: moderngl.Context, two_lamps: LobeTracks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Any] = []
+
+    def recorded(make: Callable[..., Any]) -> Callable[..., Any]:
+        def _recorded(*given: Any, **named: Any) -> Any:
+            made.append(make(*given, **named))
+            return made[-1]
+
+        return _recorded
+
+    for name in ("buffer", "framebuffer", "program", "texture", "vertex_array"):
+        monkeypatch.setattr(opengl, name, recorded(getattr(opengl, name)))
+    state = with_grey(two_lamps)
+    renderer = Renderer(opengl)
+    state.environment.is_shown = True
+    for is_dragging in (False, False, True):
+        state.is_dragging = is_dragging
+        for subject in (Subject.TOTAL, Subject.SHADING):
+            state.compared.subject = subject
+            renderer.balls(state, SIZE)
+    state.compare_against(Against("b", two_lamps))
+    renderer.balls(state, SIZE)
+    renderer.map(state, (32, 16))
+    state.is_dragging = False
+    renderer.scoped(state)
+    state.scene = Scene.GROUND
+    renderer.balls(state, SIZE)
+    assert len(made) > 50
+    renderer.release()
+    assert not [one for one in made if not isinstance(one.mglo, moderngl.InvalidObject)]
+    renderer.release()  # once more does no harm
+    Renderer(opengl).balls(state, SIZE)
     state.compare_with(None)
 
 
