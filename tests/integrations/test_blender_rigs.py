@@ -225,6 +225,22 @@ def test_a_turned_rig_turns_all_its_lights(stage: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(after, turned, atol=1e-3)
 
 
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+@pytest.mark.parametrize("first", [(45.0, 45.0), (0.0, 60.0)], ids=["still", "moving"])
+def test_a_second_turn_comes_on_top_of_the_first(
+    tmp_path: Path, first: tuple[float, float], up_axis: str
+) -> None:
+    paths = [tmp_path / name for name in ("shot.usda", "once.usda", "twice.usda")]
+    written_stages.put(of_every_kind(FRAMES), paths[0], dome_height=8, up_axis=up_axis)
+    turns = [np.interp(TIMES, (1001, 1003), first), np.full(len(TIMES), 30.0)]
+    for below, layer, turn in zip(paths, paths[1:], turns, strict=False):
+        edits.write_edits(below, layer, "/AsgRig", replace(view_of(read(below)), turn=turn))
+    before, after = (read(path).lamps[0].place.position.at(TIMES) for path in (paths[0], paths[2]))
+    expected = [Rotation.from_euler("z", angle, degrees=True) for angle in sum(turns).tolist()]
+    turned = [one.apply(place) for one, place in zip(expected, before, strict=True)]
+    np.testing.assert_allclose(after, turned, atol=2 * SAG)
+
+
 def test_a_deleted_light_is_dark(stage: Path, tmp_path: Path) -> None:
     view = view_of(read(stage))
     view = replace(view, lights=[one for one in view.lights if not one.path.endswith("lobe_02")])

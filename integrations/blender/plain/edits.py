@@ -299,13 +299,22 @@ def _place(author: _Author, known: Lamp, seen: Seen, rig: Place) -> list[str]:
 
 
 def _turn(layer: Sdf.Layer, rig: Usd.Prim, view: View) -> None:
-    """Turn the rig about the vertical, in the rig's own axes and before its other ops."""
+    """Turn the rig about the vertical, in the rig's own axes and before its other ops.
+
+    What the stage's own turn of that name holds is in the lights as they were imported, so the turn
+    that is seen comes on top of it.
+    """
     axis = "Y" if UsdGeom.GetStageUpAxis(rig.GetStage()) == UsdGeom.Tokens.y else "Z"
     author = _Author(layer, rig, view, str(rig.GetPath()), in_variant=False)
     name = TURN.format(axis=axis)
-    values = reduced(Track(view.times, view.turn[:, None]))
-    author.override(name, Sdf.ValueTypeNames.Float, values, lambda v: float(v[0]))
     order = rig.GetAttribute(ORDER).Get() if rig.GetAttribute(ORDER) else None
+    turn = Track(view.times, view.turn[:, None])
+    if name in (order or ()):
+        before = rig.GetAttribute(name)
+        times = np.union1d(view.times, before.GetTimeSamples())
+        held = np.array([[before.Get(time) or 0.0] for time in times.tolist()])
+        turn = Track(times, turn.at(times) + held)
+    author.override(name, Sdf.ValueTypeNames.Float, reduced(turn), lambda v: float(v[0]))
     kept = [op for op in order or () if op != name]
     author.attribute(ORDER, Sdf.ValueTypeNames.TokenArray).default = [name, *kept]
 
