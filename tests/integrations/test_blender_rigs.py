@@ -3,12 +3,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 import written_stages
-from pxr import Sdf, Usd, UsdGeom, UsdLux
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdUtils
 from scipy.spatial.transform import Rotation
 from usd_tracks import edited, of_every_kind
 
@@ -257,6 +258,30 @@ def test_the_stage_itself_is_never_written(stage: Path) -> None:
     with pytest.raises(ValueError, match="has no /Other any more; import it again"):
         edits.write_edits(stage, stage.with_name("e.usda"), "/Other", view_of(read(stage)))
     assert stage.read_bytes() == before
+
+
+def test_what_a_stage_is_made_of_is_never_written(stage: Path) -> None:
+    layers = [stage, stage.with_name("once.usda"), stage.with_name("twice.usda")]
+    for below, layer in pairwise(layers):
+        turned = replace(view_of(read(below)), turn=np.full(len(TIMES), 30.0))
+        edits.write_edits(below, layer, "/AsgRig", turned)
+    packed = stage.with_name("packed.usdz")
+    UsdUtils.CreateNewUsdzPackage(str(stage), str(packed))
+    layers.append(stage.with_name("of_package.usda"))
+    edits.write_edits(packed, layers[3], "/AsgRig", turned)
+    before = {path: path.read_bytes() for path in stage.parent.iterdir() if path.is_file()}
+    over = "^lies over {}; expected another name for the layer$"
+    images = "^has images in shot_dome, which goes with shot.usdc; expected another name for the l"
+    for source, target, said in (
+        (layers[2], layers[0], over.format("shot.usda")),
+        (layers[2], layers[1], over.format("once.usda")),
+        (layers[3], packed, over.format("packed.usdz")),
+        (layers[1], stage.with_suffix(".usdc"), images),
+    ):
+        with pytest.raises(ValueError, match=said):
+            edits.write_edits(source, target, "/AsgRig", turned)
+    assert {path: path.read_bytes() for path in stage.parent.iterdir() if path.is_file()} == before
+    assert edits.write_edits(layers[1], layers[2], "/AsgRig", turned)  # over nothing but itself
 
 
 def test_a_file_that_is_no_stage_is_refused_in_a_line(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 
 from . import colours, rigs
 from .rigs import Lamp, Place, Rig
+from .targets import refuse_what_is_used
 from .tracks import Array, Track, reduced
 
 EDITED = 1e-3
@@ -84,7 +85,7 @@ def write_edits(source: Path, target: Path, rig_path: str, view: View) -> list[s
 
     Args:
         source: The stage.
-        target: The layer, .usda, .usdc or .usd; it may not be the stage.
+        target: The layer, .usda, .usdc or .usd; it may be neither the stage nor a layer of it.
         rig_path: Prim of the rig.
         view: What is seen in Blender.
 
@@ -93,11 +94,13 @@ def write_edits(source: Path, target: Path, rig_path: str, view: View) -> list[s
 
     Raises:
         OSError: The layer cannot be written.
-        ValueError: The target is the stage, or the stage no longer holds the rig.
+        ValueError: The target is the stage, a layer of it or a name whose images it uses, or the
+            stage no longer holds the rig.
     """
     if target.exists() and target.samefile(source):
         raise ValueError("is the stage itself; expected another name for the layer")
     stage = rigs.opened(str(source))
+    refuse_what_is_used(stage, source, target)
     stage.SetEditTarget(stage.GetSessionLayer())
     prim = stage.GetPrimAtPath(rig_path)
     if not prim:
