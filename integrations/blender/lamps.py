@@ -6,7 +6,7 @@ import math
 import bpy
 import numpy as np
 
-from .animation import Frames, animate
+from .animation import Frames, animate, clear
 from .plain.rigs import Lamp
 from .plain.tracks import Array, Track
 
@@ -17,6 +17,12 @@ ANGLE_MAX = math.pi
 
 POWER = "asglight_power"
 """The property of a light that holds its own energy, where a gain drives what Blender shows."""
+
+HIDING = ("hide_render", "hide_viewport")
+"""What hides an object."""
+
+HIDDEN = "asglight_hidden"
+"""The property of an object that its stage hides: what of `HIDING` was set before."""
 
 
 def energy(lamp: Lamp) -> Track:
@@ -68,7 +74,20 @@ def show(data: bpy.types.Light, lamp: Lamp, scale: Array, frames: Frames, power:
 def hide(thing: bpy.types.Object, lamp: Lamp, frames: Frames) -> None:
     """Hide an object while its light is invisible; else whether it is hidden is the user's."""
     if lamp.visible.is_constant and lamp.visible.values.all():
+        _show_again(thing)
         return
+    if HIDDEN not in thing:
+        thing[HIDDEN] = [int(getattr(thing, name)) for name in HIDING]
     hidden = Track(lamp.visible.times, 1.0 - lamp.visible.values)
-    for name in ("hide_render", "hide_viewport"):
+    for name in HIDING:
         animate(thing, name, hidden, frames, held=True)
+
+
+def _show_again(thing: bpy.types.Object) -> None:
+    """Give an object that an older stage hid back to the user, as it was."""
+    if HIDDEN not in thing:
+        return
+    for name, before in zip(HIDING, thing[HIDDEN], strict=True):
+        clear(thing, name)
+        setattr(thing, name, bool(before))
+    del thing[HIDDEN]

@@ -78,6 +78,12 @@ def test_a_second_import_keeps_what_is_the_user_s(session: dict[str, Any]) -> No
     assert session["opened"] == pytest.approx(2.5, rel=1e-5)  # saved, and opened again
 
 
+def test_what_an_older_stage_hid_is_shown_again(session: dict[str, Any]) -> None:
+    dark, again = session["blinking"]
+    assert all(dark)
+    assert again == [*([False] * (len(dark) - 1)), True]  # the last one was hidden by the user
+
+
 def test_a_representation_that_is_not_there_is_refused(session: dict[str, Any]) -> None:
     assert (
         "holds cards, not dome; add it with: asglight export STAGE --to dome"

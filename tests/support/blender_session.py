@@ -84,6 +84,7 @@ def importing() -> dict[str, object]:
         "hidden": lights[-1].hide_render,
         "distance": lights[0].matrix_world.translation.length,
     }
+    found["blinking"] = blinking()
     path = f"{FOLDER}/saved.blend"
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.open_mainfile(filepath=path)
@@ -95,6 +96,25 @@ def importing() -> dict[str, object]:
     other.write_text('#usda 1.0\ndef RectLight "lamp" {}\n')
     found["other"] = refused(bpy.ops.import_scene.asglight, str(other))
     found["absent"] = refused(bpy.ops.import_scene.asglight, f"{FOLDER}/absent.usda")
+    return found
+
+
+def blinking() -> list[list[bool]]:
+    """Return what is hidden while a version of the stage hides all, and with the next one."""
+    from pxr import Usd, UsdGeom, UsdLux
+
+    stage = Usd.Stage.Open(STAGE)
+    stage.SetEditTarget(stage.GetSessionLayer())
+    for prim in stage.Traverse():
+        if prim.HasAPI(UsdLux.LightAPI):
+            UsdGeom.Imageable(prim).MakeInvisible()
+    dark = f"{FOLDER}/dark.usda"
+    stage.Export(dark)
+    lights, _, rig = parts()
+    found = []
+    for version in (dark, STAGE):
+        bpy.ops.import_scene.asglight(filepath=version, rig=rig.name, distance=40.0, offset=100)
+        found.append([one.hide_render for one in lights])
     return found
 
 
