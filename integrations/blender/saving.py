@@ -11,8 +11,10 @@ from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from . import building, reading, worlds
+from .lamps import TYPES
 from .plain import rigs
 from .plain.edits import Seen, View, write_edits
+from .plain.rigs import Rig
 from .plain.tracks import Array, in_one_hemisphere
 
 
@@ -69,7 +71,17 @@ def _rig(context: bpy.types.Context, name: str) -> bpy.types.Object:
 
 
 def seen_of(context: bpy.types.Context, rig: bpy.types.Object) -> View:
-    """Return what a rig is at every frame of its stage, and at every sample between."""
+    """Return what a rig is at every frame of its stage, and at every sample between.
+
+    Raises:
+        ValueError: The stage cannot be opened or lacks the rig, or what is seen is nothing that it
+            could hold.
+    """
+    if not rig[building.STRENGTH]:
+        raise ValueError(
+            "was imported with strength 0, which leaves no light to compare; import it again with "
+            "another"
+        )
     scene = context.scene
     stage = rigs.opened(rig[building.STAGE])
     prim = stage.GetPrimAtPath(rig[worlds.PRIM])
@@ -80,6 +92,7 @@ def seen_of(context: bpy.types.Context, rig: bpy.types.Object) -> View:
         stage.SetEditTarget(stage.GetSessionLayer())
         prim.GetVariantSet(rigs.VARIANT_SET).SetVariantSelection(representation)
     known = rigs.read_rig(prim, reading.working_space())
+    shown = _shown(rig, known)
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     every = [np.arange(math.ceil(first), math.floor(last) + 1, dtype=float)]
     for lamp in known.lamps:
@@ -91,7 +104,7 @@ def seen_of(context: bpy.types.Context, rig: bpy.types.Object) -> View:
         part.update_tag()  # a gain that a script set is told to nobody else
     kept = scene.frame_current, scene.frame_subframe
     try:
-        moments = list(_moments(context, rig, times))
+        moments = list(_moments(context, rig, shown, times))
     finally:
         scene.frame_set(kept[0], subframe=kept[1])
     paths = {path for found, _ in moments for path in found}
@@ -100,15 +113,36 @@ def seen_of(context: bpy.types.Context, rig: bpy.types.Object) -> View:
     return View(representation, times, lights, turn, reading.working_space())
 
 
+def _shown(rig: bpy.types.Object, known: Rig) -> list[bpy.types.Object]:
+    """Return the lights that the stage has too.
+
+    Raises:
+        ValueError: One was made a light of another type.
+    """
+    types = {lamp.path: TYPES[lamp.kind] for lamp in known.lamps}
+    found = [one for one in building.parts_of(rig) if one.type == "LIGHT"]
+    found = [one for one in found if str(one[worlds.PRIM]) in types]
+    for one in found:
+        expected = types[str(one[worlds.PRIM])]
+        if one.data.type != expected:
+            raise ValueError(
+                f"cannot hold {one.name}, a {one.data.type.title()} light now; expected "
+                f"{expected.title()}. Change its type back, or delete it"
+            )
+    return found
+
+
 Moment = tuple[Array, Array | None, bool, Array | None, Array | None]
 """Light, size, visible, position, rotation: as in `Seen`, at one time."""
 
 
 def _moments(
-    context: bpy.types.Context, rig: bpy.types.Object, times: Array
+    context: bpy.types.Context,
+    rig: bpy.types.Object,
+    lights: list[bpy.types.Object],
+    times: Array,
 ) -> Iterator[tuple[dict[str, Moment], float]]:
     """Give all lights by prim, and the turn of the rig in degrees, at each time."""
-    lights = [one for one in building.parts_of(rig) if one.type == "LIGHT"]
     scene, scale = context.scene, float(rig[building.SCALE])
     strength = float(rig[building.STRENGTH])
     for time in times.tolist():

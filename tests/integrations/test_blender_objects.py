@@ -2,19 +2,22 @@
 """What the extension does with objects of Blender, against stand-ins for them."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import written_stages
 from blender_stub import Thing, extension
+from usd_tracks import of_every_kind
 
 from integrations.blender.plain.tracks import Track, constant
 
 
 @pytest.fixture(scope="module")
 def blender() -> Iterator[SimpleNamespace]:
-    with extension("lamps") as modules:
+    with extension("lamps", "saving") as modules:
         yield modules
 
 
@@ -56,3 +59,35 @@ def test_a_light_is_shown_again_when_its_stage_no_longer_hides_it(
     light.hide_render = True  # by the user now
     blender.lamps.hide(light, SimpleNamespace(visible=ALWAYS), None)
     assert light.hide_render
+
+
+def saved(blender: SimpleNamespace, stage: Path, kind: str, strength: float = 1.0) -> Any:
+    """Look at a rig of one light."""
+    written_stages.put(of_every_kind((1001,)), stage, dome_height=8)
+    path = "/AsgRig/Lobes/lobe_02"
+    light = Thing(
+        {"asglight_prim": path}, type="LIGHT", name="my lamp", data=SimpleNamespace(type=kind)
+    )
+    properties = {"asglight_stage": str(stage), "asglight_prim": "/AsgRig"}
+    properties |= {"asglight_strength": strength, "asglight_representation": "cards"}
+    rig = Thing(properties, children_recursive=[light])
+    return blender.saving.seen_of(SimpleNamespace(scene=None), rig)
+
+
+@pytest.mark.parametrize("kind", ["POINT", "SPOT", "SUN"])
+def test_a_light_of_a_type_that_the_stage_cannot_hold_is_refused_in_a_line(
+    blender: SimpleNamespace, tmp_path: Path, kind: str
+) -> None:
+    said = (
+        f"^cannot hold my lamp, a {kind.title()} light now; expected Area. Change its type back, "
+        "or delete it$"
+    )
+    with pytest.raises(ValueError, match=said):
+        saved(blender, tmp_path / "shot.usda", kind)
+
+
+def test_a_rig_without_strength_is_refused_in_a_line(
+    blender: SimpleNamespace, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=r"^was imported with strength 0, which leaves no"):
+        saved(blender, tmp_path / "shot.usda", "AREA", strength=0.0)

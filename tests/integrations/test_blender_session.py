@@ -116,6 +116,8 @@ def test_a_new_world_is_black_where_the_stage_has_no_dome(session: dict[str, Any
 def test_edits_come_back_as_what_was_done(session: dict[str, Any]) -> None:
     assert session["unchanged"] == "CANCELLED"
     assert "is the stage itself; expected another name" in session["over"]
+    assert "a Point light now; expected Area" in session["point"]
+    assert "was imported with strength 0" in session["dark"]
     assert not (session["folder"] / "none.usda").exists()
     path = session["folder"] / "edits.usda"
     changes = read_stage(path).changes

@@ -151,6 +151,13 @@ def saving() -> dict[str, object]:
         light.hide_render = False
     found = {"unchanged": refused(bpy.ops.asglight.save_edits, f"{FOLDER}/none.usda")}
     found["over"] = refused(bpy.ops.asglight.save_edits, STAGE)
+    lights[0].data.type = "POINT"
+    found["point"] = refused(bpy.ops.asglight.save_edits, f"{FOLDER}/none.usda")
+    lights[0].data.type = "AREA"
+    lights[0].data.shape = "RECTANGLE"
+    rig["asglight_strength"] = 0.0
+    found["dark"] = refused(bpy.ops.asglight.save_edits, f"{FOLDER}/none.usda")
+    rig["asglight_strength"] = 1.0
     lights[0].parent["gain"] = 2.0
     lights[1].scale = (1.5, 1.0, 1.0)
     rig.rotation_euler.z = math.radians(30)
