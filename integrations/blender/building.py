@@ -26,6 +26,7 @@ STAGE, GAIN = "asglight_stage", "gain"
 SCALE, OFFSET, STRENGTH = "asglight_scale", "asglight_offset", "asglight_strength"
 REPRESENTATION, WISHED = "asglight_representation", "asglight_shown_as"
 DISTANCE = "asglight_distance"
+WORLD, TIME, SEEN = "asglight_use_world", "asglight_set_time", "asglight_seen"
 RIG_SIZE = 0.5
 """Of the empty of a rig, in metres."""
 
@@ -46,6 +47,7 @@ class Wishes:
         strength: What all of its light is multiplied by.
         use_world: Whether the World shows its domes.
         seen: Whether cameras see its cards.
+        set_time: Whether the scene has its frames and rate.
     """
 
     stage: str
@@ -56,6 +58,7 @@ class Wishes:
     strength: float
     use_world: bool
     seen: bool
+    set_time: bool
 
     def frames(self, times: Array) -> Array:
         """Return the scene's frames of time codes.  [T] to [T]."""
@@ -102,11 +105,7 @@ def build(
     collection = there.users_collection[0]
     known = {str(one[PRIM]): one for one in parts_of(there) if one.type == "EMPTY"}
     lights = {str(one[PRIM]): one for one in parts_of(there) if one.type == "LIGHT"}
-    there[STAGE], there[PRIM] = wishes.stage, rig.path
-    there[SCALE], there[OFFSET] = wishes.scale, wishes.offset
-    there[STRENGTH], there[DISTANCE] = wishes.strength, wishes.distance
-    there[WISHED] = wishes.shown_as
-    there[REPRESENTATION] = rig.representation
+    remember(there, rig, wishes)
     for path in rig.groups:
         if path not in known:
             known[path] = _empty(path.rpartition("/")[2], collection, there, "SINGLE_ARROW")
@@ -117,6 +116,15 @@ def build(
     if wishes.use_world:
         show_domes(context.scene, rig, wishes.frames, wishes.stage, there)
     return there
+
+
+def remember(there: bpy.types.Object, rig: Rig, wishes: Wishes) -> None:
+    """Note on the empty of a rig what it was imported from, and how."""
+    there[STAGE], there[PRIM] = wishes.stage, rig.path
+    there[SCALE], there[OFFSET] = wishes.scale, wishes.offset
+    there[STRENGTH], there[DISTANCE] = wishes.strength, wishes.distance
+    there[WISHED], there[REPRESENTATION] = wishes.shown_as, rig.representation
+    there[WORLD], there[TIME], there[SEEN] = wishes.use_world, wishes.set_time, wishes.seen
 
 
 def scaled(rig: Rig, strength: float) -> Rig:

@@ -112,6 +112,7 @@ class ASGLIGHT_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blen
             self.strength,
             self.use_world,
             self.seen,
+            self.set_time,
         )
         rig = building.build(context, found, wishes, self._there(scene, path, found.path))
         if found.place.position.is_constant:

@@ -35,6 +35,9 @@ class ASGLIGHT_PT_rigs(bpy.types.Panel):  # noqa: N801 - Blender's way to name c
         again.distance = rig[building.DISTANCE]
         again.offset = rig[building.OFFSET]
         again.strength = rig[building.STRENGTH]
+        again.use_world = rig.get(building.WORLD, True)
+        again.set_time = rig.get(building.TIME, True)
+        again.seen = rig.get(building.SEEN, False)
         save = row.operator(ASGLIGHT_OT_save_edits.bl_idname, text="", icon="FILE_TICK")
         save.rig = rig.name
         box.prop(rig, "rotation_euler", index=2, text="Turn")

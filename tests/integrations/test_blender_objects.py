@@ -17,7 +17,7 @@ from integrations.blender.plain.tracks import Track, constant
 
 @pytest.fixture(scope="module")
 def blender() -> Iterator[SimpleNamespace]:
-    with extension("lamps", "saving") as modules:
+    with extension("building", "lamps", "panel", "saving") as modules:
         yield modules
 
 
@@ -91,3 +91,54 @@ def test_a_rig_without_strength_is_refused_in_a_line(
 ) -> None:
     with pytest.raises(ValueError, match=r"^was imported with strength 0, which leaves no"):
         saved(blender, tmp_path / "shot.usda", "AREA", strength=0.0)
+
+
+class Layout:
+    """A part of a panel; keeps the buttons that are drawn.
+
+    Attributes:
+        buttons: By operator, what is handed to it.
+    """
+
+    def __init__(self) -> None:
+        self.buttons: dict[str, SimpleNamespace] = {}
+
+    def box(self, **_: Any) -> "Layout":
+        return self
+
+    row = column = box
+
+    def label(self, **_: Any) -> None:
+        pass
+
+    def prop(self, *_: Any, **__: Any) -> None:
+        pass
+
+    def operator(self, name: str, **_: Any) -> SimpleNamespace:
+        return self.buttons.setdefault(name, SimpleNamespace())
+
+
+def handed_over(blender: SimpleNamespace, rig: Thing) -> dict[str, Any]:
+    layout = Layout()
+    panel = blender.panel.ASGLIGHT_PT_rigs()
+    panel.layout = layout
+    panel._rig(rig)
+    return vars(layout.buttons["import_scene.asglight"])
+
+
+@pytest.mark.parametrize("chosen", [True, False])
+def test_read_again_hands_over_all_that_the_rig_was_imported_with(
+    blender: SimpleNamespace, chosen: bool
+) -> None:
+    wished = {"distance": 20.0, "offset": 100, "strength": 2.0}
+    wished |= {"use_world": chosen, "set_time": not chosen, "seen": chosen}
+    wishes = blender.building.Wishes(stage="/a/shot.usda", scale=1.0, shown_as="cards", **wished)
+    rig = Thing(name="shot", children_recursive=[])
+    of_stage = SimpleNamespace(path="/AsgRig", representation="cards")
+    blender.building.remember(rig, of_stage, wishes)
+    asked = {"filepath": "/a/shot.usda", "rig": "shot", "representation": "cards"}
+    assert handed_over(blender, rig) == asked | wished
+    for name in ("use_world", "set_time", "seen"):  # a rig of a file from before they were noted
+        del rig[f"asglight_{name}"]
+    usual = {"use_world": True, "set_time": True, "seen": False}
+    assert handed_over(blender, rig) == asked | wished | usual

@@ -84,6 +84,10 @@ def test_what_an_older_stage_hid_is_shown_again(session: dict[str, Any]) -> None
     assert again == [*([False] * (len(dark) - 1)), True]  # the last one was hidden by the user
 
 
+def test_read_again_hands_over_how_the_rig_was_imported(session: dict[str, Any]) -> None:
+    assert session["handed"] == [[True, True, False], [False, False, True]]
+
+
 def test_a_representation_that_is_not_there_is_refused(session: dict[str, Any]) -> None:
     assert (
         "holds cards, not dome; add it with: asglight export STAGE --to dome"

@@ -85,6 +85,11 @@ def importing() -> dict[str, object]:
         "distance": lights[0].matrix_world.translation.length,
     }
     found["blinking"] = blinking()
+    found["handed"] = [handed()]
+    bpy.ops.import_scene.asglight(
+        filepath=STAGE, distance=40.0, offset=100, use_world=False, set_time=False, seen=True
+    )
+    found["handed"].append(handed())
     path = f"{FOLDER}/saved.blend"
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.open_mainfile(filepath=path)
@@ -116,6 +121,20 @@ def blinking() -> list[list[bool]]:
         bpy.ops.import_scene.asglight(filepath=version, rig=rig.name, distance=40.0, offset=100)
         found.append([one.hide_render for one in lights])
     return found
+
+
+def handed() -> list[bool]:
+    """Return what the panel's button hands over to the importer, of which there is none here."""
+    from bl_ext.user_default.asglight.panel import ASGLIGHT_PT_rigs
+
+    _, _, rig = parts()
+    buttons = {}
+    layout = SimpleNamespace(label=lambda **_: None, prop=lambda *_, **__: None)
+    layout.box = layout.row = layout.column = lambda **_: layout
+    layout.operator = lambda name, **_: buttons.setdefault(name, SimpleNamespace())
+    ASGLIGHT_PT_rigs._rig(SimpleNamespace(layout=layout), rig)
+    again = buttons["import_scene.asglight"]
+    return [again.use_world, again.set_time, again.seen]
 
 
 def warnings() -> dict[str, object]:
