@@ -98,6 +98,13 @@ class ASGLIGHT_OT_fit_world(bpy.types.Operator):  # noqa: N801 - Blender's way t
         self._tidy(context)
         return self._done(context, status)
 
+    def cancel(self, context: bpy.types.Context) -> None:
+        """End the command where Blender ends or opens a file; no file may have been chosen yet."""
+        if self._run is None:
+            return
+        self._run.cancel()
+        self._tidy(context)
+
     def _start(self, context: bpy.types.Context) -> None:
         """Start the command.
 
@@ -143,7 +150,8 @@ class ASGLIGHT_OT_fit_world(bpy.types.Operator):  # noqa: N801 - Blender's way t
         manager = context.window_manager
         manager.event_timer_remove(self._timer)
         manager.progress_end()
-        context.workspace.status_text_set(None)
+        if context.workspace is not None:  # as Blender ends there is none
+            context.workspace.status_text_set(None)
 
 
 def _environment(scene: bpy.types.Scene) -> bpy.types.Node | None:

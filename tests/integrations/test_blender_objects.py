@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the extension does with objects of Blender, against stand-ins for them."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,12 +13,13 @@ import written_stages
 from blender_stub import Thing, extension
 from usd_tracks import of_every_kind
 
+from integrations.blender.plain.command import Run
 from integrations.blender.plain.tracks import Track, constant
 
 
 @pytest.fixture(scope="module")
 def blender() -> Iterator[SimpleNamespace]:
-    with extension("building", "lamps", "panel", "saving") as modules:
+    with extension("building", "fitting", "lamps", "panel", "saving") as modules:
         yield modules
 
 
@@ -142,3 +144,21 @@ def test_read_again_hands_over_all_that_the_rig_was_imported_with(
         del rig[f"asglight_{name}"]
     usual = {"use_world": True, "set_time": True, "seen": False}
     assert handed_over(blender, rig) == asked | wished | usual
+
+
+@pytest.mark.parametrize("workspace", [None, SimpleNamespace(status_text_set=lambda _: None)])
+def test_a_fit_ends_with_blender_or_the_file_it_was_started_in(
+    blender: SimpleNamespace, workspace: SimpleNamespace | None
+) -> None:
+    timers = ["mine"]
+    manager = SimpleNamespace(event_timer_remove=timers.remove, progress_end=lambda: None)
+    context = SimpleNamespace(window_manager=manager, workspace=workspace)
+    fit = blender.fitting.ASGLIGHT_OT_fit_world()
+    fit.cancel(context)  # no file was chosen, so there is no command yet
+    assert timers == ["mine"]
+    fit._run = Run([sys.executable, "-c", "import time; time.sleep(60)"])
+    fit._timer = "mine"
+    assert fit._run.poll() is None
+    fit.cancel(context)
+    assert fit._run.poll() not in (None, 0)
+    assert timers == []

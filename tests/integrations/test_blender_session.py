@@ -146,3 +146,7 @@ def test_a_world_is_fitted_where_it_is(session: dict[str, Any]) -> None:
     assert session["world after"] == "asglight fitted"
     tracks = read_usd(session["folder"] / "fitted.usda")
     assert torch.isfinite(tracks.lobes.amplitude).all()
+
+
+def test_a_fit_ends_with_the_file_it_was_started_in(session: dict[str, Any]) -> None:
+    assert session["left"] == [True, True]

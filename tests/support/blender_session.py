@@ -33,6 +33,7 @@ def main() -> None:
     found |= warnings()
     found |= saving()
     found |= fitting()
+    found["left"] = leaving()
     (Path(FOLDER) / "session.json").write_text(json.dumps(found))
     bpy.ops.preferences.addon_disable(module=ADDON)
 
@@ -226,6 +227,24 @@ def fitting() -> dict[str, object]:
     found["strength"] = rig["asglight_strength"]
     found["world after"] = scene.world.name
     return found
+
+
+def leaving() -> list[bool]:
+    """Open another file while a fit runs, as with a window; return whether it ran, and ended."""
+    from bl_ext.user_default.asglight import fitting
+
+    runs = []
+
+    def started(_: list[str]) -> fitting.Run:
+        runs.append(fitting_run([sys.executable, "-c", "import time; time.sleep(60)"]))
+        return runs[0]
+
+    fitting_run, fitting.Run = fitting.Run, started
+    fitting.bpy = SimpleNamespace(app=SimpleNamespace(background=False), path=bpy.path)
+    bpy.ops.asglight.fit_world(filepath=f"{FOLDER}/left.usda")
+    ran = runs[0].poll() is None
+    bpy.ops.wm.read_homefile(use_empty=True)
+    return [ran, runs[0].poll() is not None]
 
 
 def parts() -> tuple[list, list, bpy.types.Object]:
