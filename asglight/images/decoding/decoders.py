@@ -19,13 +19,15 @@ import numpy as np
 from asglight.errors import InputError
 from asglight.images.decoding.apart import Apart, ApartError
 from asglight.images.decoding.header import (
+    SLOTS,
     DamagedError,
     Header,
     from_json,
+    row_bytes,
+    slot_rows,
     to_json,
     unreadable,
 )
-from asglight.images.decoding.slots import SLOTS, row_bytes, slot_rows
 from asglight.images.options import ReadOptions
 from asglight.images.repair import Tally
 

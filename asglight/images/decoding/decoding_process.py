@@ -10,8 +10,7 @@ import numpy as np
 
 from asglight.images.decoding.apart_child import Channel, allow_memory
 from asglight.images.decoding.decode import read_header
-from asglight.images.decoding.header import Header, from_json, to_json
-from asglight.images.decoding.slots import SLOTS, row_bytes, slot_rows
+from asglight.images.decoding.header import SLOTS, Header, from_json, row_bytes, slot_rows, to_json
 from asglight.images.decoding.strips import reduced_strips
 from asglight.images.options import ReadOptions
 

@@ -14,6 +14,13 @@ from asglight.images.colour import Chromaticities, ColourSpace
 from asglight.images.decoding.layers import Layer
 from asglight.images.message import shown
 
+SLOTS = 2
+"""Of the memory in which rows come back from another process: while one is read, one is filled."""
+
+SLOT_BYTES = 2**24
+"""Of a slot, at most: a frame of 1024 x 512 float32 texels at once, and one of the fit's 512 x 256
+four times over, so that the process that fits is asked once a frame."""
+
 
 class DamagedError(InputError):
     """A file that cannot be decoded: cut off, damaged, of no known kind, or gone.
@@ -106,3 +113,13 @@ def from_json(values: dict[str, Any]) -> Header:
 def _frozen(value: Any) -> Any:
     """Return a list as the tuple that it was."""
     return tuple(value) if isinstance(value, list) else value
+
+
+def slot_rows(height: int) -> int:
+    """Return how many rows of a result a slot takes."""
+    return min(height, max(1, SLOT_BYTES // row_bytes(height)))
+
+
+def row_bytes(height: int) -> int:
+    """Return the size of a row of a result: 2 * height texels of three float32."""
+    return 2 * height * 3 * 4

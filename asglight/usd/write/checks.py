@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import torch
-from pxr import Sdf
 
 from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.lobes.data import Lobes, check_frames
 from asglight.usd.options import check_stage_name, image_folder, stages_beside
-from asglight.usd.stage import open_stage
+from asglight.usd.read.files import files_of
 
 FRAME_ERROR_MAX = 1e-4
 """Largest entry of A A^T - I in the axes A: a thousand float32 roundings; more is not a frame."""
@@ -59,7 +58,7 @@ def check_images_apart(path: Path) -> None:
     """
     folder = image_folder(path)
     for other in stages_beside(path) if folder.is_dir() else ():
-        if _shows_images_of(other, folder.name):
+        if _shows_images_of(other, folder):
             raise InputError(
                 f"{shown(path)}: its images would replace those of {shown(other)} in "
                 f"{shown(folder.name)}; expected one stage for each folder of images. Write to "
@@ -67,24 +66,11 @@ def check_images_apart(path: Path) -> None:
             )
 
 
-def _shows_images_of(path: Path, folder: str) -> bool:
+def _shows_images_of(stage: Path, folder: Path) -> bool:
     try:
-        stage = open_stage(path)
+        return any(file.resolve().parent == folder.resolve() for file in files_of(stage))
     except InputError:  # nobody can light with it
         return False
-    layer = stage.GetRootLayer()
-    found: list[bool] = []
-
-    def visit(path: Sdf.Path) -> None:
-        attribute = layer.GetAttributeAtPath(path) if path.IsPropertyPath() else None
-        if attribute is None or attribute.typeName != Sdf.ValueTypeNames.Asset:
-            return
-        times = layer.ListTimeSamplesForPath(path)
-        values = [attribute.default, *(layer.QueryTimeSample(path, time) for time in times)]
-        found.extend(f"{folder}/" in value.path for value in values if value)
-
-    layer.Traverse(Sdf.Path.absoluteRootPath, visit)
-    return any(found)
 
 
 def one_of(words: Sequence[str]) -> str:

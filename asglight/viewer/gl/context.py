@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An OpenGL context without a window, and what to say when there is none."""
+"""An OpenGL context without a window, what to say without one, and how what it made is freed."""
 
 import sys
 from typing import Any
@@ -15,6 +15,18 @@ _LOWEST = 210
 """Asked for only to find out what a machine has that lacks GL_VERSION."""
 
 _SYSTEM_PACKAGES = "On Debian or Ubuntu: apt install libegl1 libgl1."
+
+_ROOM = "asglight.viewer.gl"
+
+_MADE = (
+    moderngl.Buffer,
+    moderngl.Framebuffer,
+    moderngl.Program,
+    moderngl.Texture,
+    moderngl.Texture3D,
+    moderngl.VertexArray,
+)
+"""What moderngl does not free by itself. Queries stay, a number each: it cannot free them."""
 
 
 def standalone_context() -> moderngl.Context:
@@ -60,3 +72,30 @@ def _why_not(error: Exception) -> str:
 
 def _wanted() -> str:
     return ".".join(map(str, GL_VERSION))
+
+
+def release(owner: object) -> None:
+    """Free what an object of this room holds, and what the objects that it holds do.
+
+    Args:
+        owner: It must not draw any more, and none of its targets be bound.
+    """
+    seen: set[int] = set()
+    waiting: list[Any] = [owner]
+    while waiting:
+        one = waiting.pop()
+        if id(one) in seen:
+            continue
+        seen.add(id(one))
+        if isinstance(one, _MADE):
+            if isinstance(one, moderngl.VertexArray):
+                waiting.append(one.program)
+            elif isinstance(one, moderngl.Framebuffer):
+                waiting.extend(one.color_attachments or ())  # none when it was freed
+            one.release()
+        elif isinstance(one, dict):
+            waiting.extend(one.values())
+        elif isinstance(one, list | tuple):
+            waiting.extend(one)
+        elif type(one).__module__.startswith(_ROOM):
+            waiting.extend(vars(one).values())

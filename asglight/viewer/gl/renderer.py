@@ -10,6 +10,7 @@ import numpy as np
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.arrangement import cells, strip
 from asglight.viewer.gl.compare import ball_errors
+from asglight.viewer.gl.context import release
 from asglight.viewer.gl.draft import Draft, Stopwatch
 from asglight.viewer.gl.layers import (
     Background,
@@ -27,7 +28,6 @@ from asglight.viewer.gl.lights.keyed import KeyedBalls, KeyedMap
 from asglight.viewer.gl.passes import BackgroundPass, Picture
 from asglight.viewer.gl.pictures.reading import compared, composed, pixels, texel
 from asglight.viewer.gl.pictures.screens import Name, Pictures, Screens
-from asglight.viewer.gl.releasing import release
 from asglight.viewer.gl.scopes import Scoped, Scopes
 from asglight.viewer.state.display import Comparison, Subject
 from asglight.viewer.state.held import Held

@@ -116,7 +116,7 @@ def test_a_stage_beside_that_shows_no_images_or_is_none_is_in_nobodys_way(tmp_pa
     write_usd(tracks, tmp_path / "shot.usdc", representations=("distant",))
     (tmp_path / "shot.usd").write_bytes(b"PXR-USDC and no more")
     write_usd(tracks, tmp_path / "shot.usda")
-    write_usd(tracks, tmp_path / "shot.usda")
+    assert lint_stage(write_usd(tracks, tmp_path / "shot.usda").files[0]) == []
 
 
 @pytest.mark.skipif(not os.path.isdir("/sys"), reason="needs a folder that even root cannot write")
