@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """An MP4 that is written picture by picture, by the ffmpeg that imageio-ffmpeg brings along."""
 
+import contextlib
+import subprocess
+import tempfile
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -18,6 +21,14 @@ _COLOURS = (
     *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1"),
 )
 """Rec. 709 with the curve of sRGB: what the pictures are."""
+
+_FRONT = ("-movflags", "+faststart")
+"""The index comes before the pictures: players begin before they have all of the file."""
+
+_APART = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) | getattr(
+    subprocess, "CREATE_NO_WINDOW", 0
+)
+"""On Windows what a session of its own is elsewhere: Ctrl-C does not end ffmpeg before us."""
 
 
 class Film:
@@ -39,21 +50,22 @@ class Film:
                 f"{shown(path)}: cannot be written (no folder {shown(path.parent)}); expected a "
                 "folder that is there. Check the output path."
             )
-        self._beside = written_beside(path)
-        self._place = self._beside.__enter__()
-        self._writer = imageio_ffmpeg.write_frames(
-            str(self._place),
-            size,
-            fps=fps,  # pyright: ignore[reportArgumentType]  it takes any number
-            input_params=["-r", f"{fps:.6g}"],  # which it would round to hundredths
-            codec="libx264",
-            macro_block_size=2,
-            quality=None,  # pyright: ignore[reportArgumentType]  as its manual has it
-            ffmpeg_log_level="error",
-            output_params=["-crf", QUALITY, "-movflags", "+faststart", *_COLOURS],
+        self._held = contextlib.ExitStack()
+        place = self._held.enter_context(written_beside(path))
+        self._said = self._held.enter_context(tempfile.TemporaryFile())  # noqa: SIM115  it is
+        columns, rows = size
+        raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{columns}x{rows}")
+        coded = ("-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", QUALITY, *_COLOURS)
+        program = (imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error")
+        self._process = subprocess.Popen(
+            [*program, *raw, "-r", f"{fps:.6g}", "-i", "-", *coded, *_FRONT, str(place)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=self._said,
+            start_new_session=True,
+            creationflags=_APART,
         )
-        self._writer.send(None)
-        self._count, self._has_ended = 0, False
+        self._has_ended = False
 
     def add(self, pixels: np.ndarray) -> None:
         """Add a picture: sRGB, 8 bits.  [H, W, 3].
@@ -61,11 +73,11 @@ class Film:
         Raises:
             InputError: The file cannot be written.
         """
+        assert self._process.stdin is not None
         try:
-            self._writer.send(np.ascontiguousarray(pixels))
-        except OSError:  # a pipe that nobody reads
-            self._end(OSError(None, f"ffmpeg has ended after {self._count} pictures"))
-        self._count += 1
+            self._process.stdin.write(np.ascontiguousarray(pixels).data)
+        except OSError as error:  # nobody reads any more
+            self._end(error)
 
     def close(self, *, is_whole: bool) -> None:
         """End the file: keep it if it is whole, else remove it. More than once does no harm.
@@ -73,25 +85,27 @@ class Film:
         Raises:
             InputError: It cannot be written.
         """
-        if self._has_ended:
-            return
-        self._writer.close()
-        if not is_whole:
-            self._end(GeneratorExit())
-            return
-        there = _pictures_in(self._place)  # whether ffmpeg ended well nobody else tells
-        short = f"ffmpeg has written {there} of {self._count} pictures"
-        self._end(None if there == self._count else OSError(None, short))
+        if not self._has_ended:
+            self._end(None if is_whole else GeneratorExit())
 
     def _end(self, error: BaseException | None) -> None:
-        """Keep the file, or remove it; `written_beside` says what an OSError means."""
+        """Let ffmpeg end, and keep its file where neither it nor anybody before it has failed."""
         self._has_ended = True
-        self._beside.__exit__(None if error is None else type(error), error, None)
-
-
-def _pictures_in(path: Path) -> int:
-    """Return how many pictures a film has; none where it cannot be read."""
-    try:
-        return imageio_ffmpeg.count_frames_and_secs(str(path))[0] or 0
-    except (OSError, RuntimeError):
-        return 0
+        if isinstance(error, GeneratorExit):
+            self._process.kill()
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):  # of what it did not take; its status tells
+            self._process.stdin.close()
+        try:
+            status = self._process.wait()
+        except BaseException:  # Ctrl-C
+            self._process.kill()
+            raise
+        if isinstance(error, OSError) or (error is None and status != 0):
+            self._said.seek(0)
+            lines = self._said.read().decode(errors="replace").split("\n")
+            error = OSError(f"ffmpeg: {shown(lines[0].strip() or f'ended with status {status}')}")
+        if error is None:
+            self._held.close()
+        else:
+            self._held.__exit__(type(error), error, None)

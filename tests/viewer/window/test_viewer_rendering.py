@@ -229,7 +229,7 @@ def test_a_film_that_cannot_be_written_is_told_and_the_old_one_stays(
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_240, before[1]))
     try:
-        with pytest.raises(InputError, match=r"out.mp4: cannot be written .ffmpeg has .*; ex"):
+        with pytest.raises(InputError, match=r"out.mp4: cannot be written .ffmpeg: .*; expected"):
             write_noise(path, count)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
