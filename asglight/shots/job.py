@@ -10,6 +10,7 @@ import importlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +52,9 @@ from asglight.usd.options import (
 if TYPE_CHECKING:
     from asglight.usd import WriteReport
     from asglight.usd.write.keys import KeySource
+
+Earlier = Callable[[], LobeTracks | InputError | None]
+"""Gives the stage whose names are kept, None where there is none, or why it cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +137,7 @@ def fit_shot(
     with _kept_beside(output, sequence, options, fps, resume) as (checkpoint, images):
         _check_unchanged(sequence, checkpoint)
         _tell_state(checkpoint, on_progress)
-        told = _loading_usd(on_progress)
+        told = _loading_usd(on_progress, earlier)
         shot = fitted_shot(sequence, options, checkpoint, images, told, followed)
         with one_thread():  # numbers so small that threads of torch would wait for each other
             tracks = tracks_from(shot.records, sequence, shot.options, fps, shot.accuracy)
@@ -144,14 +148,19 @@ def fit_shot(
     return ShotResult(tracks, records, shot.resumed, written, held, space, written.keys)
 
 
-def _loading_usd(on_progress: OnProgress) -> OnProgress:
-    """Load what writes the stage when the first frame is there: the next are read meanwhile."""
+def _loading_usd(on_progress: OnProgress, earlier: Earlier) -> OnProgress:
+    """Load what writes the stage, and read the earlier one, when the first frame is there.
+
+    The next are decoded meanwhile, and nothing of it is left for the end.
+    """
 
     def told(event: Event) -> None:
         on_progress(event)
         if isinstance(event, FrameDone):
             # not in a thread beside the fit: pxr that loads while another library does can lock up
             importlib.import_module("asglight.usd.write.stage_file")
+            if earlier() is not None:
+                importlib.import_module("scipy.optimize")  # for the names (naming.py)
 
     return told
 
@@ -296,13 +305,11 @@ def _keying(
     return made
 
 
-def _named_stage(
-    output: Path, names_from: str | Path | None
-) -> Callable[[], LobeTracks | InputError | None]:
-    """Return what gives the stage whose names are kept, and None or why it cannot be read.
+def _named_stage(output: Path, names_from: str | Path | None) -> Earlier:
+    """Return what gives the stage whose names are kept.
 
     The one that was asked for is read at once. One that is merely in the way may be anything, and
-    is read when its names are needed.
+    is read once, when it is first asked for.
 
     Raises:
         InputError: The stage that was asked for cannot be read.
@@ -314,7 +321,7 @@ def _named_stage(
         return lambda: asked
     if not output.exists():
         return lambda: None
-    return lambda: _read(output)
+    return cache(lambda: _read(output))
 
 
 def _read(stage: Path) -> LobeTracks | InputError:

@@ -319,3 +319,18 @@ def test_frames_that_a_stage_cannot_have_are_told_before_the_first_is_fitted(
     with pytest.raises(InputError, match="Are they times"):
         fit_shot(tmp_path / "times", output, on_progress=events.append)
     assert not any(isinstance(event, FrameDone) for event in events)
+
+
+def test_names_are_those_that_the_stage_had_when_the_first_frame_was_there(
+    source: Path, output: Path
+) -> None:
+    """It is read beside the fit, so that nothing of it is left for the end."""
+    fit_shot(source, output, shot_files.OPTIONS)
+    output.write_text(output.read_text().replace("lobe_00", "key"))
+
+    def told(event: Event) -> None:
+        if isinstance(event, FrameDone) and event.position == 2:
+            output.unlink()
+
+    found = fit_shot(source, output, shot_files.OPTIONS, on_progress=told)
+    assert "key" in found.tracks.names
