@@ -231,21 +231,20 @@ def values(
     Returns:
         For each card width, height, intensity [..., N, 1] and colour [..., N, 3], float64.
     """
-    squares = mean_squares(moments)
     flux = lobes.amplitude.to(torch.float64) * moments.zeroth[..., None]
     sides = 2 if lobes.form is Form.BINGHAM else 1
+    is_textured = kind is Kind.TEXTURED
+    levels = LEVELS[kind]
+    relative = flux.new_tensor([piece.squares for _, pieces in levels for piece in pieces])
+    wanted = mean_squares(moments)[..., None, :] * relative.reshape(-1, 2)  # [..., N, C, 2]
+    extents = extent(wanted, is_textured=is_textured)
+    angles = card_texture.measured(extents).solid_angle if is_textured else solid_angle(extents)
+    counts = [len(pieces) for _, pieces in levels]
+    of_levels = zip(levels, extents.split(counts, -2), angles.split(counts, -1), strict=True)
     found = {}
-    for share, pieces in LEVELS[kind]:
-        wanted = [squares * squares.new_tensor(piece.squares) for piece in pieces]
-        is_textured = kind is Kind.TEXTURED
-        extents = [extent(one, is_textured=is_textured) for one in wanted]
-        if is_textured:
-            angles = [card_texture.measured(one).solid_angle for one in extents]
-        else:
-            angles = [solid_angle(one) for one in extents]
-        angle = torch.stack(angles).sum(0)
-        intensity, color = intensity_and_color(share / sides * flux / angle[..., None])
-        for piece, one in zip(pieces, extents, strict=True):
+    for (share, pieces), own, angle in of_levels:
+        intensity, color = intensity_and_color(share / sides * flux / angle.sum(-1, keepdim=True))
+        for piece, one in zip(pieces, own.unbind(-2), strict=True):
             size = 2 * piece.distance * distance * one
             found[piece] = {
                 schema.WIDTH: size[..., :1],
@@ -320,6 +319,8 @@ def lights(
         own += [slanted] if slanted else []
     for kind in Kind:
         members = [k for k, one in enumerate(chosen) if one is kind and not found[k]]
+        if not members:
+            continue
         index = torch.tensor(members, dtype=torch.long)
         own = values(lobes.select(index), moments.select(index), distance, kind)
         for piece, tracks in own.items():
