@@ -26,6 +26,9 @@ from asglight.usd.write.span_errors import (
     worst,
 )
 
+ROUNDING = 1e-15
+"""Of a ratio near 1. It decides the size of cards of 0.000003 degrees."""
+
 
 @dataclass(frozen=True)
 class CardSpans:
@@ -34,14 +37,14 @@ class CardSpans:
     Attributes:
         flux: Theirs together.
         squares: Logarithms of their mean x^2 and y^2.  S of [C, 2]
-        ratios: What gives their sizes from these (`cards.extent_of`); for cards with the texture,
-            the logarithms of their sizes.  S of [C, .]
+        sizes: Logarithms of what gives their sizes from these, the `cards.ratio_of` less 1; for
+            cards with the texture, those of their sizes.  S of [C, .]
         is_textured: Whether they have the texture.
     """
 
     flux: Flux
     squares: Curve
-    ratios: Curve
+    sizes: Curve
     is_textured: bool = False
 
     @classmethod
@@ -52,8 +55,11 @@ class CardSpans:
         relative = squares.new_tensor([piece.squares for piece in pieces])
         own = squares[:, :, None] * relative  # [S, K, C, 2]
         extents = cards.extent(own, is_textured=is_textured)
-        ratios = extents.log() if is_textured else cards.ratio_of(extents)[..., None]
-        return cls(flux, Curve.through(own.log()), Curve.through(ratios), is_textured)
+        if is_textured:
+            sizes = extents
+        else:
+            sizes = (cards.ratio_of(extents)[..., None] - 1).clamp(min=ROUNDING)
+        return cls(flux, Curve.through(own.log()), Curve.through(sizes.log()), is_textured)
 
     def at(self, index: Tensor) -> Self:
         """Pick spans."""
@@ -61,7 +67,7 @@ class CardSpans:
             self,
             flux=self.flux.at(index),
             squares=self.squares.at(index),
-            ratios=self.ratios.at(index),
+            sizes=self.sizes.at(index),
         )
 
     def error(self, before: Tensor, after: Tensor) -> Tensor:
@@ -85,10 +91,10 @@ class CardSpans:
 
     def _sizes(self, time: Tensor) -> Tensor:
         """Return half width and half height of the cards at distance 1.  [S, Q, C, 2]."""
-        ratios = self.ratios.when(time)
+        sizes = self.sizes.when(time).exp()
         if self.is_textured:
-            return ratios.exp()
-        return cards.extent_of(self.squares.when(time).exp(), ratios)
+            return sizes
+        return cards.extent_of(self.squares.when(time).exp(), 1 + sizes)
 
 
 @dataclass(frozen=True)
