@@ -3,8 +3,8 @@
 
 Between two frames a lobe's flux is linear and the logarithm of its sharpness too (lobes/motion.py),
 but a program interpolates each attribute by itself. Where what comes out strays by more than
-`span_errors` allows, samples are added, each as far from the one before as may be: no choice needs
-fewer. Orientations need none; slerp is what the rule says.
+`span_errors` allows, samples are added, about the fewest that will do (`span_search`). Orientations
+need none; slerp is what the rule says.
 
 A lobe that is black at one end needs none: its light goes up or down in one shape. Only where the
 black sample has another shape than the light beside it, one sample stands close to it.

@@ -16,9 +16,12 @@ STEPS = 256
 """Samples lie at multiples of this part of a span. Sharpness and flux a thousand times as large
 take steps of one near the dark end."""
 
-CLOSE = 0.9
-"""Error of a step, over what is allowed, from which a longer one is not sought. To 85,400
-samples in 1,000 frames of a tunnel it adds 400, and saves half of the search."""
+MORE = 16
+"""One step more, of so many, where as many as a span holds do not do though they are spread."""
+
+LOADS = 1e-3, STEPS
+"""Least and largest number of steps without error that a step is taken to hold: one whose error is
+nothing does not vanish, and one whose error is no number is cut into steps of one."""
 
 
 @dataclass(frozen=True)
@@ -62,33 +65,76 @@ class Inserted(NamedTuple):
     step: Tensor
 
 
+class _Steps(NamedTuple):
+    """Steps from sample to sample, those of a span in order.
+
+    Attributes:
+        span: That each is part of, ascending.  [K]
+        begin: In `STEPS` of the span.  [K]
+        end: [K]
+    """
+
+    span: Tensor
+    begin: Tensor
+    end: Tensor
+
+    def at(self, index: Tensor) -> "_Steps":
+        """Pick steps."""
+        return _Steps(*(one[index] for one in self))
+
+
 def fewest_samples(spans: Where, errors: Spans) -> Inserted:
     """Return about the fewest samples with which errors of spans are within what is allowed.
 
-    From each sample the next is about the farthest that may be (`CLOSE`): the longer a step, the
-    larger its error, about as its square, which guides the search from the length of the step
-    before. A step of one is taken whatever its error. Each round tries one step of every span.
+    Fewest are steps of one error [de Boor 1973]. It goes about as the square of the length, so a
+    step of error e holds sqrt(e) steps of the error that is allowed: its load. Each round looks at
+    all steps of the spans that are not within it yet, and cuts each span into as many steps of one
+    load as it holds. Where that is no more than before, one round spreads them better, and the next
+    takes more. A step of one is taken whatever its error.
     """
-    found = [Inserted(spans.place[:0], spans.lobe[:0], spans.lobe[:0])]
-    at = torch.zeros_like(spans.place)
-    step = torch.full_like(at, STEPS)
-    good, bad = at + 1, torch.full_like(at, STEPS + 1)  # what is taken if no longer step will do
-    going = torch.arange(len(at))
-    while len(going):
-        begin, tried = at[going], step[going]
-        error = errors.at(going).error(begin.double() / STEPS, tried.double() / STEPS)
-        reaches = error <= 1
-        low = torch.where(reaches, tried, good[going])
-        high = torch.where(reaches, bad[going], tried).maximum(low + 1)
-        guess = begin + (tried - begin) * error.clamp(min=1e-6).rsqrt()
-        onward = guess.floor().long().maximum(low + 1).minimum(high - 1)
-        is_open = (high - low > 1) & ~(reaches & (error > CLOSE))
-        good[going] = torch.where(is_open, low, low + 1)
-        bad[going] = torch.where(is_open, high, STEPS + 1)
-        at[going] = torch.where(is_open, begin, low)
-        step[going] = torch.where(is_open, onward, (2 * low - begin).clamp(max=STEPS))
-        is_inner = low < STEPS
-        taken = going[~is_open & is_inner]
-        found.append(Inserted(spans.place[taken], spans.lobe[taken], at[taken]))
-        going = going[is_open | is_inner]
-    return Inserted(*map(torch.cat, zip(*found, strict=True)))
+    count = len(spans.place)
+    steps = _Steps(torch.arange(count), torch.zeros(count).long(), torch.full((count,), STEPS))
+    number = torch.ones(count).long()  # of steps that each span was last cut into
+    is_spread = torch.zeros(count).bool()
+    found = [steps.at(steps.span[:0])]
+    while len(steps.span):
+        begin, end = steps.begin.double() / STEPS, steps.end.double() / STEPS
+        error = errors.at(steps.span).error(begin, end)
+        fails = ~(error <= 1) & (steps.end - steps.begin > 1)
+        is_open = torch.zeros(count).bool().index_fill(0, steps.span[fails], True)
+        going = is_open[steps.span]
+        found.append(steps.at(~going & (steps.begin > 0)))
+        steps, load = steps.at(going), error[going].sqrt().nan_to_num(LOADS[1]).clamp(*LOADS)
+        whole = torch.zeros(count).double().index_add(0, steps.span, load)
+        is_spread = ~is_spread & (whole <= number)
+        more = torch.maximum(whole.ceil().long(), number + 1 + number // MORE)
+        number = torch.where(is_spread, number, more)
+        steps = _evened(steps, load, torch.nonzero(is_open).flatten(), whole, number)
+    taken = _Steps(*map(torch.cat, zip(*found, strict=True)))
+    return Inserted(spans.place[taken.span], spans.lobe[taken.span], taken.begin)
+
+
+def _evened(steps: _Steps, load: Tensor, spans: Tensor, whole: Tensor, number: Tensor) -> _Steps:
+    """Return steps of about one load, along which that of the given ones is spread evenly.
+
+    Args:
+        steps: All steps of some spans.  [K]
+        load: Of each.  [K]
+        spans: Which spans these are, ascending.
+        whole: The load of every span.  [S]
+        number: How many steps every span shall have; those shorter than one become one.  [S]
+    """
+    own, upto = number[spans], load.cumsum(0)
+    span = spans.repeat_interleave(own)
+    place = torch.arange(len(span)) - (own.cumsum(0) - own).repeat_interleave(own)
+    before = (whole[spans].cumsum(0) - whole[spans]).repeat_interleave(own)
+    target = before + place / number[span] * whole[span]
+    among = torch.searchsorted(upto, target, right=True)
+    part = 1 - (upto[among] - target) / load[among]
+    begin, end = steps.begin[among], steps.end[among]
+    at = (begin + part * (end - begin)).round().long().clamp(max=STEPS - 1)
+    found = torch.unique(span * STEPS + torch.where(place == 0, 0, at))  # ascending
+    span, begin = found // STEPS, found % STEPS
+    is_last = torch.ones(len(found)).bool()
+    is_last[:-1] = span[1:] != span[:-1]
+    return _Steps(span, begin, torch.where(is_last, STEPS, begin.roll(-1)))

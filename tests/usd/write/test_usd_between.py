@@ -20,6 +20,7 @@ from asglight.lobes import Form, Lobes, LobeTracks, asg, motion
 from asglight.usd import read_usd, schema, write_usd
 from asglight.usd.lights import cards, distant
 from asglight.usd.read.between import read_between, samples_between
+from asglight.usd.write.between import Shot
 from asglight.usd.write.layer import continuous
 
 FRAMES = range(1001, 1004)
@@ -255,6 +256,16 @@ def test_a_light_that_comes_from_black_has_its_own_colour_and_shape(representati
                 color = number(light, schema.COLOR, time)
                 tint = true.amplitude[0].numpy() / true.amplitude.max().item()
                 np.testing.assert_allclose(color, tint, atol=0.05)
+
+
+def test_a_broad_lobe_that_turns_into_a_band_takes_few_samples() -> None:
+    """Its outer card is the widest that there is on one way; samples are finite and no closer."""
+    sharpness = [[[15.15, 2.43]], [[0.0903, 1.36]]]
+    axes, light = torch.eye(3).expand(2, 1, 3, 3), torch.ones(2, 1, 3)
+    lobes = continuous(Lobes(axes, torch.tensor(sharpness), light))
+    (track,) = Shot(lobes, np.array([1.0, 2.0])).of_cards([cards.Kind.SOFT])
+    # log sharpness goes 5.1 in 40 steps of 0.13: half of its square is less than is allowed
+    assert len(track.times) < 40
 
 
 def test_the_samples_between_are_no_frames(tmp_path) -> None:
