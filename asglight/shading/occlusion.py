@@ -13,10 +13,12 @@ Definite Quadratic Form"]: with mean mu and covariance S
     theta_3 = tr S^3 + 3 mu.S^2 mu,         h = 1 - 2 theta_1 theta_3 / (3 theta_2^2)
     P = Phi( ((theta_1^-h - 1) / h - theta_2 (h - 1) / theta_1^2) theta_1 / sqrt(2 theta_2) ).
 
-For S = 0 it is the step of a hard shadow, for a round light as wide as the sky the patch's share.
+For S = 0 it is the step of a hard shadow.
 A long light, whose deviations are s_1 > s_2 along its axes, is summed over three places across it
 instead, of what is between the ends of the circle's chord there (Gauss and Hermite; the places lie
-where light and circle both are). Between the ratios RATIO_LOW and RATIO_HIGH it is a mix.
+where light and circle both are). Between the ratios RATIO_LOW and RATIO_HIGH it is a mix. A light
+much wider than the circle both ways is even across it, and the nearly normal power, which goes to
+Phi(-8/3) and not to 0, is not for it: the circle is taken as a bell of the same variance, 1/4.
 
 docs/method/shading.md has the errors. The twin is shaders/lib/occlusion.glsl.
 
@@ -35,6 +37,11 @@ from asglight.shading.sheets import Sheets, Window
 RATIO_LOW, RATIO_HIGH = 1.5, 2.5
 """Of deviations: at the low one the nearly normal power is within 0.02 of the share and three
 places within 0.2, at the high one within 0.05 and 0.1, beyond within 0.17 and 0.05."""
+
+WIDE_LOW, WIDE_HIGH = 0.5, 1.0
+"""Of the smaller variance of a light: at the low one a bell for the circle is within 0.035 of the
+share of a round light and the nearly normal power within 0.016, at the high one the bell within
+0.007; beyond it comes nearer and nearer."""
 
 CIRCLE_VARIANCE = 0.15
 """Of the bell that stands for the circle when places are chosen; 0.1 to 0.5 differ little."""
@@ -210,6 +217,9 @@ def _probability(centre: Tensor, half_x: Tensor, half_y: Tensor, vx: Tensor, vy:
     part = ((ratio - RATIO_LOW) / (RATIO_HIGH - RATIO_LOW)).clamp(0, 1)
     # a sum of products: the power of a very long light is no number
     share = torch.where(part < 1, torch.lerp(round_, long, part), long)
+    wide = ((shorter - WIDE_LOW) / (WIDE_HIGH - WIDE_LOW)).clamp(0, 1)
+    bell = _by_bell(mu_x, mu_y, s_xx, s_yy, s_xy, determinant)
+    share = torch.where(wide < 1, torch.lerp(share, bell, wide), bell)
     return torch.where(area.abs() < AREA_MIN, torch.zeros_like(share), share)
 
 
@@ -228,6 +238,19 @@ def _by_power(
     raised = torch.expm1(-power * first.log()) / power
     z = (raised - second * (power - 1) / (first * first)) * first / (2 * second).sqrt()
     return torch.special.ndtr(z)
+
+
+def _by_bell(
+    mu_x: Tensor, mu_y: Tensor, s_xx: Tensor, s_yy: Tensor, s_xy: Tensor, determinant: Tensor
+) -> Tensor:
+    """Return P(|X|^2 < 1) for a light wider than the circle.
+
+    The circle's area pi times the density of X blurred by the circle's variance, 1/4 each way.
+    """
+    blurred = determinant + 0.25 * (s_xx + s_yy) + 0.0625  # a sum of positive terms
+    square = (s_yy + 0.25) * mu_x * mu_x - 2 * s_xy * mu_x * mu_y + (s_xx + 0.25) * mu_y * mu_y
+    # rounding may bring the square of a very long light, which is not wide, below 0
+    return 0.5 * blurred.rsqrt() * torch.exp(-0.5 * (square / blurred).clamp(min=0))
 
 
 def _by_places(along: Tensor, across: Tensor, longer: Tensor, shorter: Tensor) -> Tensor:

@@ -72,6 +72,15 @@ float occlusion_by_places(float along, float across, float longer, float shorter
     return clamp(scale * total, 0.0, 1.0);
 }
 
+// Return P(|X|^2 < 1) for a light wider than the circle, which is taken as a bell.
+float occlusion_by_bell(vec2 mu, float s_xx, float s_yy, float s_xy, float determinant) {
+    float blurred = determinant + 0.25 * (s_xx + s_yy) + 0.0625;  // a sum of positive terms
+    float square = (s_yy + 0.25) * mu.x * mu.x - 2.0 * s_xy * mu.x * mu.y
+        + (s_xx + 0.25) * mu.y * mu.y;
+    // rounding may bring the square of a very long light, which is not wide, below 0
+    return 0.5 * inversesqrt(blurred) * exp(-0.5 * max(square / blurred, 0.0));
+}
+
 // Return P(|X|^2 < 1) by the power that is nearly normal.
 float occlusion_by_power(vec2 mu, float s_xx, float s_yy, float s_xy, float determinant) {
     float trace = s_xx + s_yy;
@@ -116,6 +125,9 @@ float occlusion_probability(vec2 centre, vec2 half_x, vec2 half_y, vec2 variance
     float power = occlusion_by_power(mu, s_xx, s_yy, s_xy, determinant);
     // a sum of products: the power of a very long light is no number
     float share = part < 1.0 ? mix(power, places, part) : places;
+    float wide = clamp((shorter - WIDE_LOW) / (WIDE_HIGH - WIDE_LOW), 0.0, 1.0);
+    float bell = occlusion_by_bell(mu, s_xx, s_yy, s_xy, determinant);
+    share = wide < 1.0 ? mix(share, bell, wide) : bell;
     return is_thin ? 0.0 : share;
 }
 
