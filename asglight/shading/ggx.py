@@ -15,8 +15,9 @@ import torch
 from torch import Tensor
 
 _NODES = 48
-"""Of each of the two quadratures of `albedo_parts`: within 2e-3 of a fine grid over the lights, at
-the kink where a light passes the horizon; 1e-4 for sharp layers."""
+"""Of each of the two quadratures of `albedo_parts`: from n.v = 0.1 on within 2.5e-3 of a fine grid
+over the lights, at the kink where a light passes the horizon, and 2e-4 for a roughness of 0.05. At
+grazing angles the integrand grows as 1 / sqrt(1 - u): 0.005 too dark at n.v = 0.03, 0.011 at 0."""
 
 
 def distribution(sin2_half: Tensor, alpha: float) -> Tensor:
@@ -71,7 +72,7 @@ def albedo_parts(cos_view: Tensor, alpha: float) -> Tensor:
     """Return the directional albedo of Schlick's Fresnel term in the two parts `f0 A + B`.
 
     With `F = f0 + (1 - f0) (1 - v.h)^5` (Schlick 1994) the integral of f F n.l over the lights is
-    linear in f0 (Karis 2013). Gauss and Legendre over the share of D's mass inside the half
+    linear in f0 (Karis 2013). Gauss and Legendre over the share u of D's mass inside the half
     vector's angle, whose inverse is `sin^2 = alpha^2 u / (1 - (1 - alpha^2) u)`, and over its
     azimuth; `dl = 4 v.h dh`.
 

@@ -26,12 +26,15 @@ void main() {
 """
 
 
-@pytest.mark.parametrize("cos_view", [0.2, 0.7, 1.0])
-@pytest.mark.parametrize("alpha", [0.25, 1.0])
+@pytest.mark.parametrize("cos_view", [1e-3, 0.01, 0.03, 0.2, 0.7, 1.0])
+@pytest.mark.parametrize("alpha", [0.0625, 0.25, 1.0])
 def test_albedo_is_the_integral_over_the_lights(cos_view: float, alpha: float) -> None:
-    cos_light, turn = np.meshgrid(
-        (np.arange(1500) + 0.5) / 1500, 2 * np.pi * (np.arange(800) + 0.5) / 800, indexing="ij"
+    # Denser where lights are mirrored: near the horizon and the normal, straight ahead.
+    level, aside = np.meshgrid(
+        (np.arange(2000) + 0.5) / 2000, (np.arange(500) + 0.5) / 500, indexing="ij"
     )
+    cos_light, turn = level**2 * (3 - 2 * level), np.pi * (1 - aside**2)
+    density = 6 * level * (1 - level) * 2 * aside
     sin_light, sin_view = np.sqrt(1 - cos_light**2), np.sqrt(1 - cos_view**2)
     v_l = sin_light * sin_view * np.cos(turn) + cos_light * cos_view
     n_h = (cos_light + cos_view) / np.sqrt(2 + 2 * v_l)
@@ -41,10 +44,10 @@ def test_albedo_is_the_integral_over_the_lights(cos_view: float, alpha: float) -
     smith = [(-1 + np.sqrt(1 + alpha**2 * (1 / c**2 - 1))) / 2 for c in (cos_view, cos_light)]
     kernel = distribution / (1 + smith[0] + smith[1]) / (4 * cos_view)  # f n.l
     fresnel = (1 - v_h) ** 5
-    expected = [(kernel * w).mean() * 2 * np.pi for w in (1 - fresnel, fresnel)]
+    expected = [(kernel * w * density).mean() * 2 * np.pi for w in (1 - fresnel, fresnel)]
     parts = ggx.albedo_parts(torch.tensor([cos_view], dtype=torch.float64), alpha)
-    # 48 Gauss nodes across the kink where a light passes the horizon
-    np.testing.assert_allclose(parts[0].numpy(), expected, atol=2e-3)
+    # 48 Gauss nodes across the kink where a light passes the horizon; a pole at grazing angles
+    np.testing.assert_allclose(parts[0].numpy(), expected, atol=2.5e-3 if cos_view > 0.1 else 0.012)
 
 
 @pytest.mark.parametrize("roughness", [0.05, 0.1, 0.25, 0.5, 1.0])
