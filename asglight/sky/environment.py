@@ -59,6 +59,17 @@ class Lamp:
     klx: float
     fade: tuple[float, float, float, float]
 
+    def __post_init__(self) -> None:
+        """Refuse what is no light."""
+        if not all(a <= b for a, b in zip(self.fade, self.fade[1:], strict=False)):
+            raise InputError(f"fade: {self.fade}; expected four shot fractions, none descending.")
+        if not (all(0 <= channel < math.inf for channel in self.colour) and any(self.colour)):
+            raise InputError(f"colour: {self.colour}; expected three numbers from 0, not all 0.")
+        if not 0 <= self.klx < math.inf:
+            raise InputError(f"klx: {self.klx:g}; expected 0 (none) or more.")
+        if not 0 < self.radius_deg <= 90:
+            raise InputError(f"radius_deg: {self.radius_deg:g}; expected more than 0, up to 90.")
+
 
 SODIUM = Lamp(118.0, 22.0, 10.0, (1.0, 0.36, 0.03), 9.0, (0.0, 0.15, 0.35, 0.6))
 """High-pressure sodium, on in the morning."""
@@ -117,7 +128,7 @@ class SkyConfig:
             raise InputError(
                 f"albedo: {self.albedo}; expected three numbers from 0 to {_ALBEDO_MAX:.2f}."
             )
-        if self.cloud_depth < 0:
+        if not 0 <= self.cloud_depth < math.inf:
             raise InputError(f"cloud_depth: {self.cloud_depth:g}; expected 0 (none) or more.")
 
 
@@ -280,6 +291,8 @@ def _direction(azimuth_deg: float, elevation_deg: float) -> Tensor:
 
 
 def _smooth_step(start: float, end: float, x: float) -> float:
-    """Rise from 0 to 1 with zero slope and curvature at both ends."""
+    """Rise from 0 to 1 with zero slope and curvature at both ends; at once where they are one."""
+    if start == end:
+        return float(x >= end)
     x = min(max((x - start) / (end - start), 0.0), 1.0)
     return x**3 * (x * (6 * x - 15) + 10)

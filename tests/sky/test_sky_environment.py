@@ -9,12 +9,13 @@ import torch
 
 from asglight.errors import InputError
 from asglight.luminance import luminance
-from asglight.sky import SkyConfig, radiance
+from asglight.sky import Lamp, SkyConfig, radiance
 from asglight.sky.environment import KCD_PER_UNIT, clear_sky_illuminance, sun_direction, sun_map
 from asglight.sky.sunlight import SUN_RADIUS, SUN_SOLID_ANGLE, illuminance
 from asglight.sphere import latlong
 
 PLAIN = SkyConfig(cloud_depth=0.0, lamps=())
+LAMP = Lamp(118.0, 22.0, 10.0, (1.0, 0.5, 0.2), 9.0, (0.0, 0.2, 0.8, 1.0))
 NOON = 1025
 HEIGHT = 48
 
@@ -167,6 +168,7 @@ def test_shot_of_one_frame_is_its_middle() -> None:
         ({"sun_elevation_deg": (2.0, 50.0)}, r"sun_elevation_deg: .*expected 5 to 85"),
         ({"albedo": (0.2, 0.2, 1.4)}, r"albedo: .*expected three numbers from 0 to 0.69"),
         ({"cloud_depth": -1.0}, r"cloud_depth: -1; expected 0"),
+        ({"cloud_depth": math.nan}, r"cloud_depth: nan; expected 0"),
         ({"frames": ()}, r"frames: none; expected ascending"),
         ({"frames": (3, 2)}, r"frames: 3 to 2 \(2 frames\); expected ascending"),
     ],
@@ -174,6 +176,35 @@ def test_shot_of_one_frame_is_its_middle() -> None:
 def test_configuration_outside_the_model_is_refused(change: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         SkyConfig(**change)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fade": (0.0, 0.2, 0.1, 1.0)}, r"fade: .*expected four shot fractions"),
+        ({"colour": (0.0, 0.0, 0.0)}, r"colour: .*expected three numbers from 0, not all 0"),
+        ({"colour": (1.0, math.nan, 0.5)}, r"colour: .*expected three numbers"),
+        ({"klx": -3.0}, r"klx: -3; expected 0 \(none\) or more"),
+        ({"radius_deg": 0.0}, r"radius_deg: 0; expected more than 0, up to 90"),
+    ],
+)
+def test_a_lamp_that_is_no_light_is_refused(change: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        replace(LAMP, **change)
+
+
+def test_a_lamp_may_go_on_and_off_at_once() -> None:
+    def shown(lamp: Lamp, frame: int) -> torch.Tensor:
+        return radiance(replace(PLAIN, lamps=(lamp,)), frame, 8) - radiance(PLAIN, frame, 8)
+
+    frames = PLAIN.frames
+    always = replace(LAMP, fade=(0.0, 0.0, 1.0, 1.0))
+    assert shown(always, frames[0]).max() > 0.1
+    assert shown(always, frames[-2]).max() > 0.1
+    assert shown(always, frames[-1]).max() == 0  # as it says: off at the end
+    later = replace(LAMP, fade=(0.5, 0.5, 1.0, 1.0))
+    assert shown(later, frames[len(frames) // 2 - 1]).max() == 0
+    assert shown(later, frames[len(frames) // 2]).max() > 0.1
 
 
 def test_frame_outside_the_shot_is_refused() -> None:
