@@ -19,9 +19,11 @@ from asglight.lobes import LobeTracks
 from asglight.viewer.io.against import against_of
 from asglight.viewer.io.autosave import Autosave
 from asglight.viewer.io.browsing import Browser
+from asglight.viewer.io.question import Question
 from asglight.viewer.io.saves import Save, Saves
 from asglight.viewer.io.saving import (
     check_can_save,
+    check_picture,
     edited,
     edits_name,
     save_edits,
@@ -38,21 +40,6 @@ RECENT_MAX = 8
 
 Opener = Callable[[str], Session | None]
 """Opens what a user dropped or chose: a session; None for images, which are compared with."""
-
-
-@dataclass(frozen=True)
-class Question:
-    """Something to be answered before anything else.
-
-    Attributes:
-        title: What it is about.
-        text: What is asked.
-        answers: What the buttons say and do; the last is also that of Escape.
-    """
-
-    title: str
-    text: str
-    answers: tuple[tuple[str, Callable[[], None]], ...]
 
 
 @dataclass
@@ -206,6 +193,11 @@ class Documents:
             pixels: The picture, if that is saved.  [H, W, 3]
         """
         if pixels is not None:
+            try:
+                check_picture(self.session, path)
+            except InputError as error:
+                self.state.message = str(error)
+                return
             written = self._writer.submit(write_png, path, pixels)
             self._saves.add(Save(path, written, self.session))
         elif self.ask(request):

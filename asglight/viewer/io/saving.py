@@ -13,6 +13,7 @@ from asglight.images.message import shown
 from asglight.images.output import written_beside
 from asglight.lobes import LobeTracks
 from asglight.usd import write_edit_layer, write_key_edits
+from asglight.viewer.io.inputs import check_apart
 from asglight.viewer.state.edits.history import Step
 from asglight.viewer.state.session import Session
 
@@ -71,6 +72,17 @@ def check_can_save(session: Session) -> None:
             f"edits: {shown(session.stage.name)} is not written yet; expected a fit that has "
             "ended. The edits are kept: save them then."
         )
+
+
+def check_picture(session: Session, path: Path) -> None:
+    """Raise if the picture of a session cannot be saved under a name.
+
+    Raises:
+        InputError: It is no name of a PNG file, or the picture would replace what is shown.
+    """
+    if path.suffix.lower() != ".png":
+        raise InputError(f"{shown(path)}: not a PNG file; expected a name ending in .png.")
+    check_apart(session, [path])
 
 
 def edits_name(session: Session) -> str:

@@ -16,6 +16,7 @@ from asglight.cli.sources.opening import opened, opened_in_window
 from asglight.images import write_exr
 from asglight.usd import read_usd
 from asglight.viewer.io.documents import Documents
+from asglight.viewer.reference.images import open_reference
 from asglight.viewer.state.session import Session, no_lobes
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.viewer_state import ViewerState
@@ -59,6 +60,26 @@ def test_a_second_save_hides_neither_failure_nor_success_of_the_first(
     documents.save(Request.SAVE_PICTURE, tmp_path / "picture.png", PIXELS)
     assert finished(documents) == "Saved edits.usda. Saved picture.png."
     assert not documents.state.history.is_unsaved
+
+
+def test_a_picture_replaces_nothing_that_is_shown(documents: Documents, tmp_path: Path) -> None:
+    sky = tmp_path / "sky.png"
+    sky.write_bytes(b"the only one")
+    documents.state.compare_with(open_reference(str(sky)))
+    documents.save(Request.SAVE_PICTURE, sky, PIXELS)
+    assert "sky.png: would replace an image that is shown;" in finished(documents)
+    assert sky.read_bytes() == b"the only one"
+    documents.save(Request.SAVE_PICTURE, tmp_path / "other.png", PIXELS)
+    assert finished(documents) == "Saved other.png."
+
+
+@pytest.mark.parametrize("name", ["sky.exr", "shot.usda", "picture"])
+def test_a_picture_is_saved_as_png_alone(documents: Documents, tmp_path: Path, name: str) -> None:
+    file = tmp_path / name
+    file.write_bytes(b"the only one")
+    documents.save(Request.SAVE_PICTURE, file, PIXELS)
+    assert f"{name}: not a PNG file; expected a name ending in .png." in finished(documents)
+    assert file.read_bytes() == b"the only one"
 
 
 def test_a_save_that_ends_after_another_stage_was_opened_is_not_of_that_one(
