@@ -97,7 +97,7 @@ def _against(path: str) -> "Against":
 
     tracks = read_usd(stage)
     check_count(tracks)
-    return Against(shown(stage.name), tracks)
+    return Against(shown(stage.name), tracks, stage)
 
 
 def stage_of(path: Path) -> Path | None:

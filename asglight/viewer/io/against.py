@@ -34,4 +34,4 @@ def against_of(session: Session | None, path: str) -> Against:
     # Only a stage with keys is read again: of others the session holds the same lobes.
     if session.stage is not None and session.state.keyed is not None:
         tracks = read_usd(session.stage)
-    return Against(session.title, tracks)
+    return Against(session.title, tracks, session.stage)

@@ -23,7 +23,7 @@ def check_apart(session: Session, targets: Iterable[Path]) -> None:
 
     Raises:
         InputError: One of them is a reference image, an image of the rest, a layer of the stage or
-            a file that a layer names; or the stage cannot be read any more.
+            of B or a file that a layer names; or a stage cannot be read any more.
     """
     there = {identity: target for target in targets if (identity := _identity(target)) is not None}
     if not there:
@@ -50,6 +50,10 @@ def _inputs(session: Session) -> Iterator[tuple[Path, str]]:
     if stage is not None and stage.is_file():  # it is not while it is fitted
         for file in files_of(stage):
             yield file, kind
+    against = None if state.against is None else state.against.stage
+    if against is not None and against.is_file():
+        for file in files_of(against):
+            yield file, "a file of the stage that is B"
 
 
 def _identity(path: Path) -> _Identity | None:

@@ -278,6 +278,8 @@ def test_no_picture_replaces_what_it_is_made_of(
 ) -> None:
     stage = tmp_path / "shot.usda"
     written_stages.put_every(two_lamps, stage, dome_height=2)
+    other = tmp_path / "other.usda"
+    written_stages.put(two_lamps, other, dome_height=2)
     for frame in (1001, 1002, 1004):
         write_exr(tmp_path / f"sky.{frame}.exr", torch.full((8, 16, 3), 0.25))
     (tmp_path / "linked.0001.exr").hardlink_to(tmp_path / "sky.1002.exr")
@@ -285,11 +287,13 @@ def test_no_picture_replaces_what_it_is_made_of(
     before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
     sky = str(tmp_path / "sky.####.exr")
     linked = tmp_path / "linked.####.exr"
+    against = [str(other), "--against", str(stage), "--turntable", "1", "--render"]
     for arguments, file, kind in [
         ([sky, "--render", sky], "sky.1001.exr", "an image that is shown"),
         ([str(stage), "--reference", sky, "--render", sky], "sky.1001.exr", "an image that is"),
         ([sky, "--turntable", "2", "--render", str(linked)], "linked.0001.exr", "an image that"),
         ([str(stage), "--turntable", "1", "--render", str(dome)], dome.name, "a file of the stage"),
+        ([*against, str(dome)], dome.name, "a file of the stage that is B"),
     ]:
         assert main(["view", *arguments, "--size", "64x32"]) == 2
         error = capsys.readouterr().err

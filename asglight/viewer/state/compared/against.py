@@ -6,6 +6,7 @@ B is looked at only: with the camera, the balls and the playhead of A.
 
 import bisect
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import torch
@@ -72,10 +73,12 @@ class Against:
     Attributes:
         name: What it is called.
         tracks: Its lobes; those that give no light are black.
+        stage: The file that they were read from; None where there is none.
     """
 
     name: str
     tracks: LobeTracks
+    stage: Path | None = None
 
     def lobes_at(self, time: float) -> Lobes:
         """Return its lobes at a time; before its first and after its last frame those of it.
