@@ -38,11 +38,17 @@ _KINDS: dict[str, type[AnyEdit]] = {
 }
 
 
+OTHER_LIGHTS = "\n\nIts lights have changed since: an edit may fall on another lamp of that name."
+"""What is said before such edits are made again."""
+
+
 class Autosave:
     """The file that holds the unsaved edits of one window on one stage.
 
     Attributes:
         path: The file; there is none while nothing is unsaved.
+        is_of_other_lights: Whether the lights of what was found have changed since it was kept: a
+            lobe of the same name may be another lamp.
     """
 
     def __init__(self, folder: Path, stage: Path) -> None:
@@ -58,6 +64,7 @@ class Autosave:
         self._folder = folder
         self._lock: FileLock | None = None
         self._is_own = False
+        self.is_of_other_lights = False
         self.path = self._numbered(0)
         with suppress(OSError):  # `keep` will say so
             folder.mkdir(parents=True, exist_ok=True)
@@ -75,6 +82,7 @@ class Autosave:
             "stage": self._stage,
             "lobes": tracks.names,
             "frames": tracks.frames,
+            "lights": _fingerprint(tracks),
             "steps": [[_as_json(edit) for edit in step] for step in steps],
         }
         try:
@@ -100,6 +108,7 @@ class Autosave:
             steps = _steps_in(path, tracks)
             if steps and (path == self.path or self._take([path])):
                 self._is_own = True
+                self.is_of_other_lights = _lights_in(path) != _fingerprint(tracks)
                 return steps
         return ()
 
@@ -147,6 +156,22 @@ def _steps_in(path: Path, tracks: LobeTracks | None = None) -> tuple[Step, ...]:
         if tracks is None or (names, frames) == (list(tracks.names), list(tracks.frames)):
             return tuple(tuple(map(_from_json, step)) for step in content["steps"])
     return ()
+
+
+def _lights_in(path: Path) -> str | None:
+    """Return the fingerprint that a file holds; None of one that was written without."""
+    with suppress(OSError, ValueError, AttributeError):
+        return json.loads(path.read_text()).get("lights")
+    return None
+
+
+def _fingerprint(tracks: LobeTracks) -> str:
+    """Return what tells the light of tracks from any other."""
+    lobes = tracks.lobes
+    digest = hashlib.sha256(str(lobes.form).encode())
+    for values in (lobes.axes, lobes.sharpness, lobes.amplitude):
+        digest.update(values.contiguous().numpy().tobytes())
+    return digest.hexdigest()
 
 
 def _as_json(edit: AnyEdit) -> dict[str, Any]:

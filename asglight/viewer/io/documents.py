@@ -17,7 +17,7 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 from asglight.lobes import LobeTracks
 from asglight.viewer.io.against import against_of
-from asglight.viewer.io.autosave import Autosave
+from asglight.viewer.io.autosave import OTHER_LIGHTS, Autosave
 from asglight.viewer.io.browsing import Browser
 from asglight.viewer.io.question import Question
 from asglight.viewer.io.saves import Save, Saves
@@ -84,6 +84,7 @@ class Documents:
         self._after_save: Callable[[], None] | None = None
         self._pending: _Pending | None = None
         self._kept: tuple[Step, ...] = ()
+        self._kept_of: LobeTracks | None = None
         self._keeping: Future[None] | None = None
         self._autosave = self._own_autosave()
         self._asked_for: LobeTracks | None = None
@@ -348,9 +349,10 @@ class Documents:
         history, autosave = self.state.history, self._autosave
         steps = history.done if history.is_unsaved else ()
         waits = self.state.is_dragging or self.question is not None or self._keeping is not None
-        if autosave is None or waits or steps == self._kept:
+        is_kept = steps == self._kept and (not steps or history.original is self._kept_of)
+        if autosave is None or waits or is_kept:
             return
-        self._kept = steps
+        self._kept, self._kept_of = steps, history.original
         if steps:
             self._keeping = self._writer.submit(autosave.keep, history.original, steps)
         else:
@@ -378,6 +380,8 @@ class Documents:
             f"asglight ended before {_counted(len(steps))} of {self.session.title} "
             "could be saved. They were kept."
         )
+        if autosave.is_of_other_lights:
+            text += OTHER_LIGHTS
         self.question = Question(
             "Unsaved edits", text, (("Restore them", _restore), ("Discard them", autosave.drop))
         )

@@ -2,6 +2,7 @@
 """Edits that were not saved are kept for the next window on the same stage."""
 
 import json
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -179,3 +180,58 @@ def test_kept_edits_that_could_not_be_offered_outlive_those_of_other_lobes(
         documents.question = None
         documents.close(is_wanted=True)
     assert not list(kept.glob("*.json"))
+
+
+def offered(tracks: LobeTracks, stage: Path, kept: Path) -> str:
+    """Return what a window asks that is opened on tracks, and is ended again."""
+    documents = running(tracks, stage, kept)
+    documents.session.update()
+    documents.update()
+    question = documents.question
+    documents.close(is_wanted=False)
+    return "" if question is None else question.text
+
+
+def brighter(tracks: LobeTracks) -> LobeTracks:
+    """Return tracks of the same names with other light."""
+    return replace(tracks, lobes=replace(tracks.lobes, amplitude=1.05 * tracks.lobes.amplitude))
+
+
+def test_kept_edits_of_lights_that_have_changed_say_so(
+    two_lamps: LobeTracks, tmp_path: Path
+) -> None:
+    kept, stage = tmp_path / "unsaved", tmp_path / "shot.usda"
+    documents = running(two_lamps, stage, kept)
+    documents.session.update()
+    documents.update()
+    documents.state.toggle_mute(1)
+    ended(documents)
+    assert offered(two_lamps, stage, kept).endswith("They were kept.")
+    said = "Its lights have changed since: an edit may fall on another lamp of that name."
+    assert said in offered(brighter(two_lamps), stage, kept)
+    (file,) = kept.glob("*.json")
+    content = json.loads(file.read_text())
+    del content["lights"]  # as an older asglight has kept it
+    file.write_text(json.dumps(content))
+    assert said in offered(two_lamps, stage, kept)
+
+
+def test_edits_are_kept_of_the_lights_that_a_fit_has_gone_on_to(
+    two_lamps: LobeTracks, tmp_path: Path
+) -> None:
+    kept, stage = tmp_path / "unsaved", tmp_path / "late.usda"
+    documents = running(two_lamps, stage, kept)
+    documents.session.update()
+    documents.update()
+    documents.state.toggle_mute(1)
+    documents.update()
+    renamed = replace(brighter(two_lamps), names=("lobe_07", "lobe_09"))
+    documents.state.replace_tracks(renamed)
+    assert documents.state.history.muted == {1}
+    for _ in range(windows.WAIT_PICTURES):
+        documents.update()
+        if any("lobe_07" in file.read_text() for file in kept.glob("*.json")):
+            break
+        time.sleep(0.01)
+    ended(documents)
+    assert offered(renamed, stage, kept).endswith("They were kept.")
