@@ -129,7 +129,13 @@ def reference_for(frames: tuple[int, ...], arguments: argparse.Namespace) -> Seq
     return sequence
 
 
-def check_frames(sequence: Sequence, frames: tuple[int, ...], reference: str, stage: str) -> None:
+def check_frames(
+    sequence: Sequence,
+    frames: tuple[int, ...],
+    reference: str,
+    stage: str,
+    remedy: str = "Choose frames with --frames.",
+) -> None:
     """Refuse a reference that lacks a frame of a stage; the truth is never made up.
 
     Args:
@@ -137,6 +143,7 @@ def check_frames(sequence: Sequence, frames: tuple[int, ...], reference: str, st
         frames: Of the stage.
         reference: What the reference is called.
         stage: What the stage is called.
+        remedy: What can be done.
 
     Raises:
         InputError: A frame is not there, or out of the reference's range.
@@ -146,12 +153,12 @@ def check_frames(sequence: Sequence, frames: tuple[int, ...], reference: str, st
         raise InputError(
             f"{shown(reference)}: lacks {ranges(absent)} of {shown(stage)}; "
             f"expected an image for each frame ({ranges(frames)}). Is it the sequence that was "
-            "fitted? Choose frames with --frames."
+            f"fitted? {remedy}"
         )
     if not set(frames) <= set(sequence.frames):
         raise InputError(
             f"{shown(reference)}: its range is {ranges(sequence.frames)}; expected "
-            f"{ranges(frames)}. Leave the range out or choose frames with --frames."
+            f"{ranges(frames)}. Leave the range out. {remedy}"
         )
 
 

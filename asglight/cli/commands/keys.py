@@ -10,7 +10,7 @@ from asglight.cli.options.key_options import (
     key_lines,
     key_options,
 )
-from asglight.cli.options.parser import add_follow_option, add_input_options, add_json_option
+from asglight.cli.options.parser import add_follow_option, add_json_option, add_reading_options
 from asglight.cli.options.reading import read_options as images_read
 from asglight.cli.options.stage_options import OUTPUT
 from asglight.cli.printing import counted, frame_range, print_json, size
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     held = "what the stage holds then, such as keys or cards,keys (default: keys, and what it has)"
     parser.add_argument("--representations", type=parse_representations, metavar="LIST", help=held)
     add_key_options(parser, usual=AUTO)
-    add_input_options(parser)
+    add_reading_options(parser)
     add_follow_option(parser)
     add_json_option(parser)
 
@@ -44,8 +44,6 @@ def run(arguments: argparse.Namespace) -> int:
     options = key_options(arguments)
     if options is None:
         raise InputError("keys: 0; expected auto or a number above 0.")
-    if arguments.frames is not None:
-        raise InputError("frames: given with a stage, whose frames are cut; expected none.")
     check_key_options(options)
     cutting = Cutting(
         arguments.reference, options, images_read(arguments), arguments.representations

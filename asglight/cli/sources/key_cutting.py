@@ -32,6 +32,10 @@ class Cutting:
     representations: tuple[str, ...] | None = None
 
 
+ALL_FRAMES = "Keys are cut in every frame of the stage."
+"""What is said of a reference that lacks some."""
+
+
 def cut_keys(
     stage: str, output: str, cutting: Cutting, report: "Reporter"
 ) -> "tuple[WriteReport, StageOptions, tuple[int, ...]]":
@@ -57,6 +61,6 @@ def cut_keys(
         height=cutting.keys.rest_height,
         reading=cutting.reading,
     )
-    check_frames(sequence, tracks.frames, cutting.reference, stage)
+    check_frames(sequence, tracks.frames, cutting.reference, stage, ALL_FRAMES)
     keying = Keying(sequence, cutting.keys, report.follow)
     return write_usd(tracks, output, **vars(options), keys=keying), options, tracks.frames
