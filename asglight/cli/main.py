@@ -4,7 +4,7 @@
 0    done
 1    a bug: traceback, and a request to report it
 2    the input, an option or the disk is at fault: one line
-3    done, and worse than the baseline that was asked for (`bench`), or a case failed (`stress`)
+3    done, and above a limit that was asked for (`eval`, `bench`), or a case failed (`stress`)
 130  interrupted (128 + SIGINT), 141 standard output was closed early (128 + SIGPIPE)
 """
 

@@ -51,6 +51,24 @@ def test_the_help_of_fit_states_defaults_and_units(capsys: pytest.CaptureFixture
         assert part in text
 
 
+@pytest.mark.parametrize(
+    ("command", "taken"),
+    [
+        ("fit", "(default: all)"),
+        ("compare", "(default: the first)"),
+        ("bench", "(the first 24 of them are followed; with --quick 8, with --full all)"),
+        ("figures lobes", "(the first)"),
+        ("figures time", "(default: the first 16)"),
+    ],
+)
+def test_the_help_says_which_frames_are_taken(
+    command: str, taken: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([*command.split(), "--help"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert f"frames, such as 1001-1048 or 1001-1048x2 {taken} --layer" in text
+
+
 def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["--version"]) == 0
     assert capsys.readouterr().out == f"asglight {asglight.__version__}\n"

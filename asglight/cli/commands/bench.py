@@ -57,7 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     effort.add_argument("--full", action="store_true", help=full)
     add("--baseline", metavar="FILE", help="write what a later --gate compares with")
     add("--gate", metavar="FILE", help="compare with a baseline; exit with 3 where this is worse")
-    add_input_options(parser)
+    followed = "the first 24 of them are followed; with --quick 8, with --full all"
+    add_input_options(parser, followed)
     add_json_option(parser)
 
 

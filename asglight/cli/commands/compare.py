@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     effort.add_argument("--full", action="store_true", help="all steps of paper and physg")
     few = "64 rows and few steps: shows that all works, not how well"
     effort.add_argument("--quick", action="store_true", help=few)
-    add_input_options(parser)
+    add_input_options(parser, "default: the first")
     add_json_option(parser)
 
 

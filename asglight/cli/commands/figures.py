@@ -99,7 +99,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             row = "latitude of the row, in degrees (default: the row that changes most)"
             add("--latitude", type=float, metavar="DEG", help=row)
         add("--dark", action="store_true", help="a picture for dark pages")
-        add_input_options(figure)
+        is_of_time = name == "time"
+        add_input_options(figure, f"default: the first {FRAMES}" if is_of_time else "the first")
         add_json_option(figure)
 
 

@@ -59,10 +59,17 @@ def one_line(message: str) -> str:
     return printable if printable.endswith((".", "?")) else f"{printable}."
 
 
-def add_input_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that choose frames, layer and colours of an image sequence."""
+def add_input_options(parser: argparse.ArgumentParser, taken: str = "default: all") -> None:
+    """Add the options that choose frames, layer and colours of an image sequence.
+
+    Args:
+        parser: Of the command.
+        taken: Which frames it takes.
+    """
     parser.add_argument(
-        "--frames", metavar="RANGE", help="frames, such as 1001-1048 or 1001-1048x2 (default: all)"
+        "--frames",
+        metavar="RANGE",
+        help=f"frames, such as 1001-1048 or 1001-1048x2 ({taken})",
     )
     add_reading_options(parser)
 
