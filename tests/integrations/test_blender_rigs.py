@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import written_stages
-from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdUtils
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdUtils
 from scipy.spatial.transform import Rotation
 from usd_tracks import edited, of_every_kind
 
@@ -139,7 +139,7 @@ def view_of(rig: Rig) -> View:
             lamp.brightness.at(TIMES) * lamp.colour.at(TIMES),
             lamp.size.at(TIMES),
             np.ones(len(TIMES), bool),
-            lamp.place.position.at(TIMES),
+            lamp.place.position.at(TIMES) - rig.place.position.at(TIMES),
             lamp.place.rotation.at(TIMES),
         )
         for lamp in rig.lamps
@@ -240,6 +240,34 @@ def test_a_second_turn_comes_on_top_of_the_first(
     expected = [Rotation.from_euler("z", angle, degrees=True) for angle in sum(turns).tolist()]
     turned = [one.apply(place) for one, place in zip(expected, before, strict=True)]
     np.testing.assert_allclose(after, turned, atol=2 * SAG)
+
+
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+@pytest.mark.parametrize("placed", ["itself", "its parent", "tilted"])
+def test_a_rig_turns_where_it_stands(tmp_path: Path, placed: str, up_axis: str) -> None:
+    stage = tmp_path / "shot.usda"
+    path = "/World/AsgRig"
+    tracks = of_every_kind(FRAMES)
+    written_stages.put(tracks, stage, dome_height=8, up_axis=up_axis, primary_path=path)
+    opened = Usd.Stage.Open(str(stage))
+    prim = opened.GetPrimAtPath(path if placed == "itself" else "/World")
+    ops = UsdGeom.Xformable(prim)
+    ops.AddTranslateOp(opSuffix="put").Set(Gf.Vec3d(300.0, 20.0, -100.0))
+    if placed == "tilted":
+        ops.AddRotateXOp(opSuffix="put").Set(35.0)
+    opened.Save()
+    layers = [stage, tmp_path / "once.usda", tmp_path / "twice.usda"]
+    for below, layer in pairwise(layers):
+        turn = np.full(len(TIMES), 40.0)
+        edits.write_edits(below, layer, path, replace(view_of(read(below)), turn=turn))
+    before, after = (read(layer) for layer in (layers[0], layers[2]))
+    origin = before.place.position.at(TIMES)
+    assert np.linalg.norm(origin[0]) > 300
+    np.testing.assert_allclose(after.place.position.at(TIMES), origin, atol=1e-3)
+    turned = Rotation.from_rotvec([0, 0, np.radians(80)])
+    for was, now in zip(before.lamps, after.lamps, strict=True):
+        due = origin + turned.apply(was.place.position.at(TIMES) - origin)
+        np.testing.assert_allclose(now.place.position.at(TIMES), due, atol=2 * SAG)
 
 
 def test_a_deleted_light_is_dark(stage: Path, tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ STAGE_KEYS = (
 
 TURN = "xformOp:rotate{axis}:blender"
 TRANSFORM = "xformOp:transform:blender"
-ORDER = "xformOpOrder"
+ORDER, RESET = "xformOpOrder", "!resetXformStack!"
 
 
 @dataclass(frozen=True)
@@ -302,24 +302,47 @@ def _place(author: _Author, known: Lamp, seen: Seen, rig: Place) -> list[str]:
 
 
 def _turn(layer: Sdf.Layer, rig: Usd.Prim, view: View) -> None:
-    """Turn the rig about the vertical, in the rig's own axes and before its other ops.
+    """Turn the rig about the vertical through where it stands, after its other ops.
 
-    What the stage's own turn of that name holds is in the lights as they were imported, so the turn
-    that is seen comes on top of it.
+    What the stage's own turns hold is in the lights as they were imported, so the turn that is seen
+    comes on top of them, with a name of its own. Where the frame of the rig's parent is not that of
+    the stage at the rig's place, the turn stands between one op and its inverse.
     """
     axis = "Y" if UsdGeom.GetStageUpAxis(rig.GetStage()) == UsdGeom.Tokens.y else "Z"
     author = _Author(layer, rig, view, str(rig.GetPath()), in_variant=False)
-    name = TURN.format(axis=axis)
-    order = rig.GetAttribute(ORDER).Get() if rig.GetAttribute(ORDER) else None
-    turn = Track(view.times, view.turn[:, None])
-    if name in (order or ()):
-        before = rig.GetAttribute(name)
-        times = np.union1d(view.times, before.GetTimeSamples())
-        held = np.array([[before.Get(time) or 0.0] for time in times.tolist()])
-        turn = Track(times, turn.at(times) + held)
-    author.override(name, Sdf.ValueTypeNames.Float, reduced(turn), lambda v: float(v[0]))
-    kept = [op for op in order or () if op != name]
-    author.attribute(ORDER, Sdf.ValueTypeNames.TokenArray).default = [name, *kept]
+    held = rig.GetAttribute(ORDER)
+    order = list(held.Get() or ()) if held else []
+    count = 1
+    while (name := _numbered(TURN.format(axis=axis), count)) in order:
+        count += 1
+    turn = reduced(Track(view.times, view.turn[:, None]))
+    author.override(name, Sdf.ValueTypeNames.Float, turn, lambda v: float(v[0]))
+    ops = [name]
+    place = reduced(Track(view.times, _places(rig, view.times).reshape(-1, 16)))
+    if not (place.is_constant and np.allclose(place.values, np.eye(4).ravel(), rtol=0, atol=1e-9)):
+        about = _numbered(TRANSFORM, count)
+        author.override(about, Sdf.ValueTypeNames.Matrix4d, place, lambda v: Gf.Matrix4d(*v))
+        ops = [about, name, f"!invert!{about}"]
+    resets = [op for op in order if op == RESET]
+    kept = [op for op in order if op != RESET]
+    author.attribute(ORDER, Sdf.ValueTypeNames.TokenArray).default = [*resets, *ops, *kept]
+
+
+def _numbered(name: str, count: int) -> str:
+    """Return the name of an op; the first has no number."""
+    return name if count == 1 else f"{name}{count}"
+
+
+def _places(rig: Usd.Prim, times: Array) -> Array:
+    """Return matrices from the stage's axes at the rig to the rig's parent.  [T] to [T, 4, 4]."""
+    found = []
+    for time in times.tolist():
+        cache = UsdGeom.XformCache(time)
+        _, resets = cache.GetLocalTransformation(rig)
+        above = Gf.Matrix4d(1) if resets else cache.GetParentToWorldTransform(rig)
+        origin = cache.GetLocalToWorldTransform(rig).ExtractTranslation()
+        found.append(Gf.Matrix4d(1).SetTranslate(origin) * above.GetInverse())
+    return np.array(found)
 
 
 def _still(values: list[float]) -> Track:
