@@ -270,6 +270,18 @@ def test_a_rig_turns_where_it_stands(tmp_path: Path, placed: str, up_axis: str) 
         np.testing.assert_allclose(now.place.position.at(TIMES), due, atol=2 * SAG)
 
 
+def test_a_turn_goes_on_beyond_half_a_turn(stage: Path, tmp_path: Path) -> None:
+    turn = np.interp(TIMES, (1001, 1003), (100.0, 420.0))
+    seen = (turn + 180) % 360 - 180  # as a matrix tells it
+    target = tmp_path / "edits.usda"
+    edits.write_edits(stage, target, "/AsgRig", replace(view_of(read(stage)), turn=seen))
+    opened = Usd.Stage.Open(str(target))
+    for time in np.linspace(1001, 1003, 33).tolist():
+        world = np.array(UsdGeom.XformCache(time).GetLocalToWorldTransform(opened.GetDefaultPrim()))
+        due = Rotation.from_euler("y", np.interp(time, (1001, 1003), (100, 420)), degrees=True)
+        np.testing.assert_allclose(world[:3, :3].T, due.as_matrix(), atol=1e-5)
+
+
 def test_a_deleted_light_is_dark(stage: Path, tmp_path: Path) -> None:
     view = view_of(read(stage))
     view = replace(view, lights=[one for one in view.lights if not one.path.endswith("lobe_02")])

@@ -69,7 +69,7 @@ class View:
         representation: That the rig was imported as.
         times: Time codes.  [T]
         lights: Those that are there; one that is not was deleted.
-        turn: Of the rig about the vertical, in degrees.  [T]
+        turn: Of the rig about the vertical, in degrees; whole turns do not count.  [T]
         space: Color Interop ID of Blender's colours.
     """
 
@@ -315,7 +315,8 @@ def _turn(layer: Sdf.Layer, rig: Usd.Prim, view: View) -> None:
     count = 1
     while (name := _numbered(TURN.format(axis=axis), count)) in order:
         count += 1
-    turn = reduced(Track(view.times, view.turn[:, None]))
+    # an angle that is read from a matrix starts anew after half a turn
+    turn = reduced(Track(view.times, np.unwrap(view.turn, period=360.0)[:, None]))
     author.override(name, Sdf.ValueTypeNames.Float, turn, lambda v: float(v[0]))
     ops = [name]
     place = reduced(Track(view.times, _places(rig, view.times).reshape(-1, 16)))
