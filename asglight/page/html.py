@@ -3,6 +3,7 @@
 
 import base64
 import json
+import math
 from html import escape
 from pathlib import Path
 from string import Template
@@ -106,10 +107,15 @@ def _reference(reference: Reference) -> dict[str, Any]:
         "darkest": DARKEST,
         "ranges": [[round(end, 4) for part in one for end in part] for one in reference.ranges],
         "errors": [
-            {name: float(f"{value:.4g}") for name, value in one.items()} for one in reference.errors
+            {name: _error(value) for name, value in one.items()} for one in reference.errors
         ],
         "pictures": [base64.b64encode(one).decode() for one in reference.pictures],
     }
+
+
+def _error(value: float) -> float | None:
+    """Return an error in four digits; None of light beside a black reference, which is infinite."""
+    return float(f"{value:.4g}") if math.isfinite(value) else None
 
 
 def _base64(values: np.ndarray) -> str:

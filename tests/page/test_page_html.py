@@ -2,6 +2,7 @@
 """The page as a file: what is in it, how large it is, and the command that writes it."""
 
 import json
+import math
 import re
 from pathlib import Path
 
@@ -13,9 +14,10 @@ from places import ROOT
 from usd_tracks import contents, moving
 
 from asglight.cli.main import main
+from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form
 from asglight.page.html import page, page_balls
-from asglight.page.reference import _balls, _levels, _range
+from asglight.page.reference import Reference, _balls, _levels, _range
 from asglight.page.shaders import es_shader
 from asglight.shading.balls import ROUGHNESS, coverage
 from asglight.usd import write_usd
@@ -46,6 +48,13 @@ def test_what_a_stage_is_called_cannot_be_a_script() -> None:
     assert "<script>alert" not in text
     assert document(text)["title"] == name
     assert text.count("<script") == 3
+
+
+def test_light_beside_a_black_reference_has_no_number() -> None:
+    errors = frame_errors(SHOT.at(1001), torch.zeros(16, 32, 3)).values
+    assert math.isinf(errors["irr"])
+    reference = Reference("black", [b""], [[(0.0, 1.0)]], [errors])
+    assert document(page(SHOT, "shot.usda", reference))["reference"]["errors"][0]["irr"] is None
 
 
 @pytest.mark.parametrize("form", Form)

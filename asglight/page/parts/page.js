@@ -422,8 +422,9 @@
     if (shot.reference) {
       const errors = shot.reference.errors[place];
       [...$("errors").tBodies[0].rows].forEach((row) => {
-        const percent = Math.abs(100 * errors[row.dataset.name]);
-        row.cells[1].textContent = percent < 0.01 ? "< 0.01 %" : `${percent.toPrecision(2)} %`;
+        const error = errors[row.dataset.name], percent = Math.abs(100 * error);
+        row.cells[1].textContent = error === null ? "\u221E" // light beside a black reference
+          : percent < 0.01 ? "< 0.01 %" : `${percent.toPrecision(2)} %`;
       });
     }
   }
