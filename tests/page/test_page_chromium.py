@@ -201,6 +201,22 @@ def test_it_plays_and_opens_at_the_frame_of_its_address(page: Page, tmp_path: Pa
     assert page.run(frame) == stopped
 
 
+def test_frames_that_are_left_out_take_their_time(page: Page, tmp_path: Path) -> None:
+    tracks = replace(shot_of(Form.ASG), frames=(1001, 1101, 1201, 1301, 1401))
+    opened(page, tmp_path / "shot.html", tracks)
+    # the clock of the pictures is the test's: 24 frames a second
+    page.run(
+        "window.steps = []; window.performance.now = () => 0;"
+        "window.requestAnimationFrame = (step) => window.steps.push(step)"
+    )
+    page.run("document.getElementById('play').click()")
+    for seconds, frame in ((0, 1001), (4.1, 1001), (4.2, 1101), (16.68, 1401), (17, 1001)):
+        page.run(f"window.steps.splice(0).forEach((step) => step({1000 * seconds}))")
+        page.run(f"window.steps.splice(0).forEach((step) => step({1000 * seconds}))")
+        shown = page.run("document.getElementById('frame').textContent")
+        assert shown.startswith(str(frame)), (seconds, shown)
+
+
 def test_a_finger_scrubs_on_a_telephone_and_nothing_is_cut_off(page: Page, tmp_path: Path) -> None:
     opened(page, tmp_path / "shot.html", shot_of(Form.ASG))
     page.resize(390, 800, is_mobile=True)

@@ -497,10 +497,13 @@
 
   function play() {
     state.playing = !state.playing;
-    const first = state.place, begin = performance.now(), count = shot.frames.length;
+    const { frames } = shot, first = frames[0], length = frames[frames.length - 1] - first + 1;
+    const start = frames[state.place] - first, begin = performance.now();
     const step = (now) => {
       if (!state.playing) return;
-      const place = (first + Math.floor((now - begin) / 1000 * shot.fps)) % count;
+      const played = start + Math.floor(Math.max(0, now - begin) / 1000 * shot.fps);
+      const frame = first + played % length; // a frame that is not there shows the one before it
+      const place = frames.filter((one) => one <= frame).length - 1;
       if (place !== state.place) change(() => { state.place = place; });
       requestAnimationFrame(step);
     };
