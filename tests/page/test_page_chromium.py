@@ -217,6 +217,28 @@ def test_frames_that_are_left_out_take_their_time(page: Page, tmp_path: Path) ->
         assert shown.startswith(str(frame)), (seconds, shown)
 
 
+def test_an_arrow_stops_and_steps_unless_it_is_the_browsers(page: Page, tmp_path: Path) -> None:
+    tracks = replace(shot_of(Form.ASG), fps=0.01)  # the next frame is far away
+    opened(page, tmp_path / "shot.html", tracks)
+
+    def press(more: str = "") -> bool:
+        return page.run(
+            f"document.body.dispatchEvent(new KeyboardEvent('keydown', {{key: 'ArrowRight', {more}"
+            "bubbles: true, cancelable: true}))"
+        )
+
+    page.run("document.getElementById('play').click()")
+    assert not press()  # taken
+    page.settle()
+    page.settle()
+    assert page.run("document.getElementById('frame').textContent").startswith("1002")
+    assert page.run("document.getElementById('play').getAttribute('aria-label')") == "Play"
+    for held in ("altKey", "ctrlKey", "metaKey"):
+        assert press(f"{held}: true, ")  # left to the browser
+    page.settle()
+    assert page.run("document.getElementById('frame').textContent").startswith("1002")
+
+
 def test_a_finger_scrubs_on_a_telephone_and_nothing_is_cut_off(page: Page, tmp_path: Path) -> None:
     opened(page, tmp_path / "shot.html", shot_of(Form.ASG))
     page.resize(390, 800, is_mobile=True)

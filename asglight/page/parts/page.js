@@ -528,12 +528,16 @@
     window.onhashchange = () => change(() => { state.place = startPlace(); });
     window.onresize = () => change(labelBalls);
     document.onkeydown = (event) => {
+      if (event.altKey || event.ctrlKey || event.metaKey) return; // the browser's own, such as back
       if (event.target.matches("input, button") && event.key === " ") return;
       const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
       const last = shot.frames.length - 1;
       if (event.key === " ") play();
       else if (step && event.target.type !== "range") {
-        change(() => { state.place = Math.min(last, Math.max(0, state.place + step)); });
+        change(() => {
+          state.playing = false;
+          state.place = Math.min(last, Math.max(0, state.place + step));
+        });
       } else return;
       event.preventDefault();
     };
