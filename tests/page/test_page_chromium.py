@@ -201,6 +201,14 @@ def test_it_plays_and_opens_at_the_frame_of_its_address(page: Page, tmp_path: Pa
     assert page.run(frame) == stopped
 
 
+def test_without_an_address_it_opens_at_its_first_frame(page: Page, tmp_path: Path) -> None:
+    tracks = replace(shot_of(Form.ASG), frames=(-2, -1, 0, 1, 2))
+    opened(page, tmp_path / "shot.html", tracks)
+    assert page.run("document.getElementById('frame').textContent").startswith("-2")
+    opened(page, tmp_path / "zero.html", tracks, "#0")
+    assert page.run("document.getElementById('frame').textContent").startswith("0")
+
+
 def test_frames_that_are_left_out_take_their_time(page: Page, tmp_path: Path) -> None:
     tracks = replace(shot_of(Form.ASG), frames=(1001, 1101, 1201, 1301, 1401))
     opened(page, tmp_path / "shot.html", tracks)

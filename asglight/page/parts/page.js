@@ -477,8 +477,8 @@
 
   // Return the place of the frame that the address names, as page.html#1024; else the first.
   function startPlace() {
-    const place = shot.frames.indexOf(Number(location.hash.slice(1)));
-    return Math.max(place, 0);
+    const named = location.hash.slice(1);
+    return named === "" ? 0 : Math.max(shot.frames.indexOf(Number(named)), 0);
   }
 
   let isWaiting = false;
