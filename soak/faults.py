@@ -287,7 +287,10 @@ def _rewrite_until_read(
 
 
 def two_runs(bench: Bench, times: int) -> Told:
-    """Start a second run on the output of one that runs."""
+    """Start a second run on the output of one that is held in the middle.
+
+    Held, because both leave the same bytes: a second that ended well would say nothing.
+    """
     told = Told("two runs on one output")
     for _ in range(times):
         with new_folder(bench.folder / "broken") as output:
@@ -295,11 +298,15 @@ def two_runs(bench: Bench, times: int) -> Told:
             while not first.poll() and not (output / "shot.usda.checkpoint").exists():
                 time.sleep(0.001)
             time.sleep(bench.rng.uniform(0, bench.seconds / 2))
+            is_busy = first.hold() and not (output / "shot.usda").exists()
             second = Run(bench.source, output / "shot.usda")
             told.times += 1
-            status = second.wait()
+            try:
+                status = second.wait()
+            finally:
+                first.send(signal.SIGCONT)
             ended = first.wait()
-            if status == 0:  # the first had ended before
+            if status == 0 and not is_busy:  # the first had written all
                 told.outcomes["one after the other"] += 1
             else:
                 _check_line(told, second, status, REFUSED)

@@ -102,6 +102,13 @@ class Run:
         if not self.poll():
             os.kill(self.pid, number)
 
+    def hold(self) -> bool:
+        """Stop it where it is, until SIGCONT; tell whether it had not ended before."""
+        self.send(signal.SIGSTOP)
+        if self._status is None:
+            os.waitid(os.P_PID, self.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
+        return not self.poll()
+
     def errors(self) -> list[str]:
         """Return the lines on standard error that are not progress."""
         lines = self.log.read_text().splitlines()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from asglight.shots.kept import checkpoint
 from soak import faults, shot
 from soak.faults import Bench, Told
 
@@ -37,6 +38,15 @@ def test_a_fault_is_resumed_or_refused(bench: Bench, name: str) -> None:
         pytest.skip(told.skipped)
     assert (told.wrong, told.times) == ([], 1)
     assert told.outcomes
+
+
+def test_two_runs_that_nothing_keeps_apart_are_found(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checkpoint.fcntl, "flock", lambda *_: None)
+    told = faults.two_runs(bench, 1)
+    assert told.wrong[:1] == ["two runs on one output: ended with 0 and []"]
+    assert "one after the other" not in told.outcomes
 
 
 def test_a_wrong_file_a_damaged_checkpoint_and_a_traceback_are_found(
