@@ -99,7 +99,10 @@ def fuzz(reader: Reader, count: int, seed: int, kept: Path, deadline: float) -> 
             found.growth = max(found.growth, result.growth)
             if result.fault:
                 found.faults[result.fault] += 1
-                _keep(kept, reader, data, result.outcome, found.faults[result.fault])
+                if found.faults[result.fault] <= KEPT_MAX:
+                    # seeds tell jobs of one reader apart, numbers their files
+                    name = f"{reader.name} {result.outcome} {seed}-{found.files}"
+                    _keep(kept, name, reader, data)
             if result.is_new and len(pool) < POOL_MAX:
                 pool.append(data)
                 found.joined += 1
@@ -107,12 +110,9 @@ def fuzz(reader: Reader, count: int, seed: int, kept: Path, deadline: float) -> 
     return found
 
 
-def _keep(folder: Path, reader: Reader, data: bytes, outcome: str, number: int) -> None:
-    if outcome in (Outcome.READ, Outcome.REFUSED) or number > KEPT_MAX:
-        return
+def _keep(folder: Path, name: str, reader: Reader, data: bytes) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    name = f"{reader.name.replace(' ', '-')}-{outcome.replace(' ', '-')}-{number}{reader.suffix}"
-    (folder / name).write_bytes(data)
+    (folder / f"{name.replace(' ', '-')}{reader.suffix}").write_bytes(data)
 
 
 def fuzz_all(files: int, seed: int, output: Path, minutes: float, jobs: int) -> list[Found]:

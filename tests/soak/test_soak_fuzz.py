@@ -139,6 +139,18 @@ def test_damaged_files_are_read_or_refused_in_one_line(name: str, tmp_path: Path
     assert found.edges > 30
 
 
+def test_a_few_files_of_each_kind_of_fault_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kinds = [batch.Result(Outcome.BUG, f"Error at {place}") for place in ("a.py:1", "b.py:2")]
+    monkeypatch.setattr(fuzzing, "run_batch", lambda one, files, seen: 6 * kinds)
+    for seed in (0, 1):  # two jobs of one reader
+        found = fuzz(reader(None), 12, seed, tmp_path / "kept", time.monotonic() + 300)
+        assert set(found.faults.values()) == {6}
+    kept = [path.read_bytes() for path in (tmp_path / "kept").glob("test-another-error-*.hdr")]
+    assert len(kept) == 2 * 2 * fuzzing.KEPT_MAX
+
+
 def test_the_counts_of_all_readers_are_a_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
