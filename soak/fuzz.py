@@ -35,6 +35,9 @@ KEPT_MAX = 5
 POOL_MAX = 2000
 """Seeds and what joined them."""
 
+GOOD = (Outcome.READ, Outcome.REFUSED, Outcome.CONTAINED)
+"""What may become of a damaged file."""
+
 RECENT = 50
 """Of the pool, how many count as recent."""
 
@@ -45,6 +48,7 @@ class Found:
 
     Attributes:
         reader: Its name.
+        asked: How many files it was to read.
         files: How many there were.
         outcomes: How many were read, refused in one line, and so on (soak.batch.Outcome).
         faults: What went wrong, in words, with how often.
@@ -55,6 +59,7 @@ class Found:
     """
 
     reader: str
+    asked: int = 0
     files: int = 0
     outcomes: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
@@ -62,6 +67,17 @@ class Found:
     joined: int = 0
     growth: int = 0
     seconds: float = 0.0
+
+    def wrong(self) -> list[str]:
+        """Return what should not be, one line each; empty is good."""
+        lines = [
+            f"{self.reader}: {count} x {name}"
+            for name, count in self.outcomes.items()
+            if count and name not in GOOD
+        ]
+        if self.files < self.asked:
+            lines.append(f"{self.reader}: {self.files} of {self.asked} files before time was up")
+        return lines
 
 
 def fuzz(reader: Reader, count: int, seed: int, kept: Path, deadline: float) -> Found:
@@ -78,7 +94,7 @@ def fuzz(reader: Reader, count: int, seed: int, kept: Path, deadline: float) -> 
     pool = [path.read_bytes() for path in sorted(CORPUS.glob(f"*{reader.suffix}"))]
     assert pool, reader
     seen: set[tuple[str, int, int]] = set()
-    found, begin = Found(reader.name), time.monotonic()
+    found, begin = Found(reader.name, count), time.monotonic()
     run_batch(reader, pool, seen)  # what the sound files reach is not new
     while found.files < count and time.monotonic() < deadline:
         # half of them from what reached something new
@@ -164,6 +180,7 @@ def _merged(parts: list[dict]) -> list[Found]:
     result: dict[str, Found] = {}
     for part in parts:
         whole = result.setdefault(part["reader"], Found(part["reader"]))
+        whole.asked += part["asked"]
         whole.files += part["files"]
         whole.outcomes.update(part["outcomes"])
         whole.faults.update(part["faults"])

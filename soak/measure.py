@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from soak import faults, fuzz, scale
-from soak.batch import Outcome
 
 FILES = 100_000
 KILLS = 50
@@ -28,9 +27,6 @@ SHARES = {"files": 0.01, "kills": 0.08, "others": 0.1}
 """Of each that the short form does."""
 
 Found = TypeVar("Found")
-
-GOOD = (Outcome.READ, Outcome.REFUSED, Outcome.CONTAINED)
-"""What may become of a damaged file."""
 
 
 @dataclass(frozen=True)
@@ -85,12 +81,7 @@ def measure(output: Path, *, short: bool, seed: int) -> dict[str, Any]:
     found = parts.done("Damaged files", lambda: fuzz.fuzz_all(files, seed, output, MINUTES, jobs=2))
     told = parts.done("Faults", lambda: faults.faults(output / "faults", kills, others, seed))
     rows = [] if short else parts.done("Scale", lambda: scale.scale(output / "scale"))
-    wrong = [
-        f"{one.reader}: {count} x {name}"
-        for one in found
-        for name, count in one.outcomes.items()
-        if count and name not in GOOD
-    ]
+    wrong = [line for one in found for line in one.wrong()]
     wrong += [line for one in told for line in one.wrong]
     tables = {"Damaged files": fuzz.as_table(found), "Faults": faults.as_table(told)}
     if rows:

@@ -5,6 +5,7 @@ import os
 import random
 import signal
 import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -133,9 +134,8 @@ def test_damaged_files_are_read_or_refused_in_one_line(name: str, tmp_path: Path
     (one,) = [one for one in READERS if one.name == name]
     count = MANY if one.share >= 50 else FEW
     found = fuzz(one, count, 20261122, tmp_path / "kept", time.monotonic() + 300)
-    good = {Outcome.READ, Outcome.REFUSED, Outcome.CONTAINED}
     assert found.files == count
-    assert {outcome for outcome, count in found.outcomes.items() if count} <= good, found.faults
+    assert found.wrong() == [], found.faults
     assert found.edges > 30
 
 
@@ -149,6 +149,22 @@ def test_a_few_files_of_each_kind_of_fault_are_kept(
         assert set(found.faults.values()) == {6}
     kept = [path.read_bytes() for path in (tmp_path / "kept").glob("test-another-error-*.hdr")]
     assert len(kept) == 2 * 2 * fuzzing.KEPT_MAX
+
+
+def test_files_for_which_there_was_no_time_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fuzzing, "run_batch", lambda *_: [])
+    found = fuzz_all(2000, 0, tmp_path, 0.0, jobs=2)
+    assert [one.files for one in found] == [0] * len(READERS)
+    assert found[0].wrong() == ["OpenEXR: 0 of 720 files before time was up"]
+
+
+def test_what_becomes_of_a_file_is_good_or_wrong() -> None:
+    for outcome in Outcome:
+        one = fuzzing.Found("HDR", 3, 3, Counter({outcome: 3}))
+        good = outcome in (Outcome.READ, Outcome.REFUSED, Outcome.CONTAINED)
+        assert one.wrong() == ([] if good else [f"HDR: 3 x {outcome}"])
 
 
 def test_the_counts_of_all_readers_are_a_table(
