@@ -347,8 +347,8 @@ def as_table(told: list[Told]) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    """Do every fault, and print the counts."""
+def main() -> int:
+    """Do every fault, print the counts, and tell by the exit status whether something is wrong."""
     parser = argparse.ArgumentParser(description="Do faults to a fit at random moments.")
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--others", type=int, default=10)
@@ -358,9 +358,11 @@ def main() -> None:
     told = faults(arguments.output / "faults", arguments.kills, arguments.others, arguments.seed)
     (arguments.output / "faults.json").write_text(json.dumps([vars(one) for one in told]))
     print(as_table(told))
-    for line in (line for one in told for line in one.wrong):
-        print(line)
+    wrong = [line for one in told for line in one.wrong]
+    for line in wrong:
+        print(f"wrong: {line}", file=sys.stderr)
+    return 1 if wrong else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -204,8 +204,8 @@ def as_table(found: list[Found]) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    """Fuzz, and print the counts."""
+def main() -> int:
+    """Fuzz, print the counts, and tell by the exit status whether something is wrong."""
     parser = argparse.ArgumentParser(description="Read damaged files, guided by coverage.")
     parser.add_argument("--files", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
@@ -220,7 +220,11 @@ def main() -> None:
     for one in found:
         for fault, count in one.faults.most_common(20):
             print(f"{one.reader}: {count} x {fault}")
+    wrong = [line for one in found for line in one.wrong()]
+    for line in wrong:
+        print(f"wrong: {line}", file=sys.stderr)
+    return 1 if wrong else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,8 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole soak tells what each of its parts took, while the others still run."""
+"""The whole soak tells what each of its parts took; every command tells that something is wrong."""
+
+import sys
+from collections import Counter
+from pathlib import Path
 
 import pytest
 
+from soak import faults, fuzz, measure, scale
+from soak.batch import Outcome
+from soak.faults import Told
+from soak.fuzz import Found
 from soak.measure import Parts
 
 
@@ -13,3 +21,18 @@ def test_a_part_is_told_of_when_it_ends(capsys: pytest.CaptureFixture[str]) -> N
     (took,) = parts.took
     assert took.part == "Faults"
     assert 0 <= took.cpu_seconds <= took.seconds + 0.02  # two ticks of the processor's clock
+
+
+@pytest.mark.parametrize("command", [fuzz, faults, measure])
+@pytest.mark.parametrize("is_bad", [False, True])
+def test_a_command_tells_by_its_exit_status_whether_something_is_wrong(
+    command: object, is_bad: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outcome = Outcome.CRASH if is_bad else Outcome.READ
+    found = [Found("HDR", 1, 1, Counter({outcome: 1}))]
+    told = [Told("full disk", 1, wrong=["full disk: left half a stage"] if is_bad else [])]
+    monkeypatch.setattr(fuzz, "fuzz_all", lambda *_, **__: found)
+    monkeypatch.setattr(faults, "faults", lambda *_: told)
+    monkeypatch.setattr(scale, "scale", lambda *_: [])
+    monkeypatch.setattr(sys, "argv", ["soak", "-o", str(tmp_path)])
+    assert command.main() == int(is_bad)
