@@ -80,9 +80,11 @@ def measure(output: Path, *, short: bool, seed: int) -> dict[str, Any]:
     )
     found = parts.done("Damaged files", lambda: fuzz.fuzz_all(files, seed, output, MINUTES, jobs=2))
     told = parts.done("Faults", lambda: faults.faults(output / "faults", kills, others, seed))
-    rows = [] if short else parts.done("Scale", lambda: scale.scale(output / "scale"))
+    rows, failed = (
+        ([], []) if short else parts.done("Scale", lambda: _scale_or_why(output / "scale"))
+    )
     wrong = [line for one in found for line in one.wrong()]
-    wrong += [line for one in told for line in one.wrong]
+    wrong += [line for one in told for line in one.wrong] + failed
     tables = {"Damaged files": fuzz.as_table(found), "Faults": faults.as_table(told)}
     if rows:
         tables["Scale"] = scale.as_table(rows)
@@ -96,6 +98,14 @@ def measure(output: Path, *, short: bool, seed: int) -> dict[str, Any]:
         "scale": [vars(row) for row in rows],
         "wrong": wrong,
     }
+
+
+def _scale_or_why(folder: Path) -> tuple[list[scale.Measured], list[str]]:
+    """Return the measurements of scale; none and why where one failed, so that the rest is kept."""
+    try:
+        return scale.scale(folder), []
+    except RuntimeError as error:
+        return [], [str(error)]
 
 
 def main() -> int:

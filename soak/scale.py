@@ -12,6 +12,7 @@ import os
 import shutil
 import sys
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -180,10 +181,12 @@ def measured(what: str, folder: Path, measure: Callable[[Path], dict[str, Any]])
         try:
             place.write_text(json.dumps(measure(folder)))
             status = 0
+        except Exception:
+            traceback.print_exc()
         finally:
             APART.close()
             os._exit(status)
-    status = os.waitpid(pid, 0)[1]
+    status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
     figures = json.loads(place.read_text()) if place.exists() else {}
     shutil.rmtree(folder)
     if status != 0:

@@ -36,3 +36,18 @@ def test_a_command_tells_by_its_exit_status_whether_something_is_wrong(
     monkeypatch.setattr(scale, "scale", lambda *_: [])
     monkeypatch.setattr(sys, "argv", ["soak", "-o", str(tmp_path)])
     assert command.main() == int(is_bad)
+
+
+def test_what_was_found_is_written_though_scale_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> list[scale.Measured]:
+        raise RuntimeError("a 16k image: ended with 1")
+
+    monkeypatch.setattr(fuzz, "fuzz_all", lambda *_, **__: [Found("HDR")])
+    monkeypatch.setattr(faults, "faults", lambda *_: [Told("full disk", 7)])
+    monkeypatch.setattr(scale, "scale", fail)
+    monkeypatch.setattr(sys, "argv", ["soak", "-o", str(tmp_path)])
+    assert measure.main() == 1
+    assert "| full disk | 7 |" in (tmp_path / "soak.md").read_text()
+    assert "wrong: a 16k image: ended with 1\n" in capsys.readouterr().err

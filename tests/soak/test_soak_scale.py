@@ -24,7 +24,9 @@ def test_an_image_that_cannot_be_written_is_told(tmp_path: Path) -> None:
         scale._write_large(tmp_path / "none" / "large.exr", 256, 512)
 
 
-def test_a_measurement_is_made_apart_and_its_failure_is_told(tmp_path: Path) -> None:
+def test_a_measurement_is_made_apart_and_its_failure_is_told(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     seen: list[Path] = []
 
     def measure(folder: Path) -> dict[str, object]:
@@ -39,7 +41,8 @@ def test_a_measurement_is_made_apart_and_its_failure_is_told(tmp_path: Path) -> 
     assert scale.as_table([found]).splitlines()[-1] == "| a folder | files 0 | 0 |"
 
     def fail(folder: Path) -> dict[str, object]:
-        raise SystemExit  # without a traceback among the tests' output
+        raise MemoryError("too many lobes")
 
-    with pytest.raises(RuntimeError, match="a fault: ended with "):
+    with pytest.raises(RuntimeError, match=r"a fault: ended with 1$"):
         scale.measured("a fault", tmp_path / "work", fail)
+    assert "MemoryError: too many lobes" in capfd.readouterr().err
