@@ -68,7 +68,7 @@ def compared(document: dict[str, Any]) -> list[str]:
     methods = document["frames"][0]["methods"]
     errors = [
         [
-            method["title"],
+            _with_steps(method),
             str(method["floats"]),
             f"{method['cpu_seconds']:.1f}",
             *(f"{method[name]:.4f}" for name in METRIC_NAMES),
@@ -82,13 +82,20 @@ def compared(document: dict[str, Any]) -> list[str]:
     looks = {"rmse": "RMSE", "si_rmse": "si-RMSE", "angular": "angle"}
     balls = [
         [
-            method["title"],
+            _with_steps(method),
             *(f"{method['spheres'][sphere][key]:.3g}" for sphere in spheres for key in looks),
         ]
         for method in methods
     ]
     named = [f"{sphere} {look}" for sphere in spheres for look in looks.values()]
     return [markdown([head, *errors]), markdown([["three spheres", *named], *balls])]
+
+
+def _with_steps(method: dict[str, Any]) -> str:
+    """Return the title of a method, with the part of its published steps that it took."""
+    if method["steps"] == method["published_steps"]:
+        return method["title"]
+    return f"{method['title']}, {method['steps']:,} of {method['published_steps']:,} steps"
 
 
 READERS: dict[str, Callable[[dict[str, Any]], list[str]]] = {"compared": compared}

@@ -239,16 +239,21 @@ def test_tables_are_read_of_a_comparison() -> None:
         "title": "EM",
         "floats": 120,
         "cpu_seconds": 1.04,
+        "steps": 0,
+        "published_steps": 0,
         **metrics,
         "psnr_db": None,
         "hdr_flip": 0.25,
         "spheres": {"mirror": ball},
     }
-    text = json.dumps({"frames": [{"methods": [method]}]})
+    short = method | {"title": "PhySG", "steps": 2_000, "published_steps": 100_000}
+    text = json.dumps({"frames": [{"methods": [method, short]}]})
     errors, spheres = read_tables(text, "", "compared")
     row = "| EM | 120 | 1.0 | 0.2500 | 0.2500 | 0.2500 | 0.2500 | 0.2500 | 0.2500 | – | 0.250 |"
     assert errors.split("\n")[2] == row
     assert spheres.split("\n")[2] == "| EM | 0.125 | 0.5 | 2 |"
+    for table in (errors, spheres):  # as the command's own table says it
+        assert table.split("\n")[3].startswith("| PhySG, 2,000 of 100,000 steps | ")
 
 
 def test_a_table_names_its_commit_and_whether_a_tracked_file_had_changed(tmp_path: Path) -> None:
