@@ -139,6 +139,21 @@ def test_scattered_srbf_recovers_lobes_of_either_sign() -> None:
     torch.testing.assert_close(found.lobes.amplitude[order], truth.amplitude, rtol=1e-2, atol=0)
 
 
+def test_amplitudes_of_either_sign_come_no_further_off_than_those_of_one() -> None:
+    directions = latlong.directions(64, 128, dtype=torch.float64)
+    radiance = (0.5 + 0.4 * directions[..., 1:2]).expand(-1, -1, 3).clone()
+    radiance[18:20, 42:44] = 20_000.0  # a sun
+    solid_angle = latlong.texel_solid_angles(64, 128, dtype=torch.float64)[..., None]
+
+    def squared_error(found: Lobes) -> float:
+        shown = asg.evaluate(found.to(torch.float64), directions.reshape(-1, 3))
+        return float((solid_angle * (shown.reshape(64, 128, 3) - radiance).square()).sum())
+
+    either = squared_error(l2_lobes.scattered_srbf(radiance.float(), 48).lobes)
+    one = squared_error(l2_lobes.least_squares(radiance.float(), 48, Form.SG).lobes)
+    assert either <= 1.01 * one  # lobes are rounded to float32
+
+
 def test_least_squares_recovers_an_anisotropic_lobe() -> None:
     truth = Lobes(
         axes_around(torch.nn.functional.normalize(torch.tensor([[0.5, 0.4, -1.0]]), dim=-1)),
