@@ -100,26 +100,46 @@ def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Wh
         PartError: A command failed, or made something else than the part says.
     """
     output.mkdir(parents=True, exist_ok=True)
+    left = _stamps(output)  # by an earlier run
     printed = ""
     for words in part.words(places, Path(os.path.relpath(output, root)), root):
-        run = subprocess.run(words, cwd=root, stdout=subprocess.PIPE, text=True, check=False)
+        try:
+            run = subprocess.run(words, cwd=root, stdout=subprocess.PIPE, text=True, check=False)
+        except OSError as error:
+            raise PartError(f"{words[0]}: {error.strerror}") from error
         printed = run.stdout
         if run.returncode:
             raise PartError(f"{' '.join(words)}: ended with status {run.returncode}")
     (output / "stdout.txt").write_text(printed)
-    content = _contents(part, output, printed)
+    new = {path for path, stamp in _stamps(output).items() if left.get(path) != stamp}
+    content = _contents(part, output, printed, new)
     missing = _asked(part, root) - content.keys()
     if missing:
         raise PartError(f"made no {', '.join(sorted(missing))}")
     for target, source in part.pictures.items():
-        drawn = sorted(output.glob(source))
-        if not drawn:
-            raise PartError(f"made no {source}")
+        drawn = _newly(source, output, new)
         (root / target).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(drawn[0], root / target)
+        shutil.copyfile(drawn, root / target)
     for path in pages(root):
         note = where.note(part.shown(), is_hidden=path.parent == root)
         path.write_text(with_blocks(path.read_text(), partial(_made, part, content, note)))
+
+
+def _stamps(folder: Path) -> dict[Path, int]:
+    """Return when each file of a folder was written."""
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+
+
+def _newly(pattern: str, output: Path, new: set[Path]) -> Path:
+    """Return the file of a pattern that a part has just made.
+
+    Raises:
+        PartError: There is none, or one of an earlier run.
+    """
+    made = [path for path in sorted(output.glob(pattern)) if path in new]
+    if not made:
+        raise PartError(f"made no {pattern}")
+    return made[0]
 
 
 def _made(part: Part, content: dict[str, str], note: str, block: Block) -> Block:
@@ -136,13 +156,21 @@ def _asked(part: Part, root: Path) -> set[str]:
     return {name for name in names if name.startswith(f"{part.name}.")} - {f"{part.name}.picture"}
 
 
-def _contents(part: Part, output: Path, printed: str) -> dict[str, str]:
-    """Return what the blocks of a part hold; a picture's block keeps its link."""
+def _contents(part: Part, output: Path, printed: str, new: set[Path]) -> dict[str, str]:
+    """Return what the blocks of a part hold; a picture's block keeps its link.
+
+    Raises:
+        PartError: A file was not made, or is not what the part says.
+    """
     made: dict[str, str] = {}
     if part.page is not None:
-        made[f"{part.name}.page"] = (output / part.page).read_text().strip()
-    text = printed if part.source == "stdout" else (output / part.source).read_text()
-    found = read_tables(text, Path(part.source).suffix, part.reader)
+        made[f"{part.name}.page"] = _newly(part.page, output, new).read_text().strip()
+    is_printed = part.source == "stdout"
+    text = printed if is_printed else _newly(part.source, output, new).read_text()
+    try:
+        found = read_tables(text, Path(part.source).suffix, part.reader)
+    except ValueError as error:
+        raise PartError(f"{part.source}: {error}; expected JSON for {part.reader}") from error
     made |= {f"{part.name}.{index}": table for index, table in enumerate(found, 1)}
     return made
 

@@ -172,6 +172,36 @@ def test_what_fails_is_said_and_the_other_parts_go_on(
     assert [made.content[:1] for made in blocks(readme.read_text())] == ["x", "x", "|"]
 
 
+def test_a_part_that_leaves_an_old_file_or_none_is_said_and_the_others_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    prints = "python -c \"print('| map | error |')\" {output}"
+    toml = (
+        f"[old]\ncommands = ['''{prints}''']\npictures = {{'docs/a.png' = 'a.png'}}\n"
+        f"[no]\ncommands = ['''{prints}''']\nsource = 'no.md'\n"
+        f"[json]\ncommands = ['''{prints}''']\nreader = 'compared'\n"
+        "[tool]\ncommands = ['no-such-tool']\n"
+        f"[good]\ncommands = ['''{PRINTS}''']\n"
+    )
+    readme, file = repository(tmp_path, "", toml)
+    marks = [
+        f"<!-- made by: {part.shown()} [{name}.{'picture' if name == 'old' else 1}] -->\nx\n"
+        "<!-- end -->"
+        for name, part in read_parts(file).items()
+    ]
+    readme.write_text("\n".join(marks))
+    (tmp_path / "out" / "old").mkdir(parents=True)
+    (tmp_path / "out" / "old" / "a.png").write_text("of an earlier run")
+    assert run(tmp_path) == 1
+    said = capsys.readouterr().err
+    assert "results: old: made no a.png\n" in said
+    assert "results: no: made no no.md\n" in said
+    assert "results: json: stdout: Expecting value" in said
+    assert "results: tool: no-such-tool: No such file or directory\n" in said
+    assert not (tmp_path / "docs" / "a.png").exists()
+    assert [made.content[:1] for made in blocks(readme.read_text())] == [*"xxxx", "|"]
+
+
 def test_nothing_is_run_for_a_page_that_holds_a_number_of_its_own(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
