@@ -36,7 +36,9 @@ def start(reference: Tensor, count: int, *, signed: bool) -> Lobes:
         Lobes of amplitude 1.  [N, .]
     """
     rows = min(ROWS, reference.shape[0])
-    radiance = latlong.reduce(reference, rows, 2 * rows).reshape(-1, 3)
+    # over a power of two, which rounds nothing: squares of 1e20 are beyond float32
+    unit = 2.0 ** (math.frexp(float(reference.max()))[1] - 1)
+    radiance = latlong.reduce(reference / unit, rows, 2 * rows).reshape(-1, 3)
     directions = latlong.directions(rows, 2 * rows).reshape(-1, 3)
     solid_angle = latlong.texel_solid_angles(rows, 2 * rows).reshape(-1)
     choices = _choices(directions)

@@ -126,6 +126,15 @@ def test_pursuit_starts_at_the_lamps() -> None:
     assert float(cosines.min()) > math.cos(math.radians(8))
 
 
+@pytest.mark.parametrize("factor", [2.0**124, 2.0**-100])
+def test_pursuit_starts_at_the_same_lamps_however_bright(factor: float) -> None:
+    truth = lobes([[0, 0.3, 1], [1, -0.2, 0]], [50.0, 8.0], [[9.0] * 3, [1.0] * 3], Form.SG)
+    wanted = pursuit.start(image(truth), 4, signed=False)
+    found = pursuit.start(factor * image(truth), 4, signed=False)
+    assert torch.equal(found.axes, wanted.axes)
+    assert torch.equal(found.sharpness, wanted.sharpness)
+
+
 def test_scattered_srbf_recovers_lobes_of_either_sign() -> None:
     truth = lobes(
         [[0, 0.3, 1], [1, -0.2, 0]], [40.0, 6.0], [[3.0, 2.0, 1.0], [-1.0, -0.5, -2.0]], Form.SG
