@@ -44,7 +44,7 @@ def power_law(x: Sequence[float], y: Sequence[float]) -> PowerLaw | None:
     """Fit a power law; None for fewer than three different sizes, or a quantity that is 0.
 
     Args:
-        x: LossTerms, above 0.
+        x: Sizes, above 0.
         y: The quantity at each.
     """
     if len(set(x)) < POINTS_MIN or min(y) <= 0:
