@@ -159,7 +159,7 @@ def _steps_in(path: Path, tracks: LobeTracks | None = None) -> tuple[Step, ...]:
 
 
 def _lights_in(path: Path) -> str | None:
-    """Return the fingerprint that a file holds; None of one that was written without."""
+    """Return the fingerprint that a file holds; None where it cannot be read."""
     with suppress(OSError, ValueError, AttributeError):
         return json.loads(path.read_text()).get("lights")
     return None
