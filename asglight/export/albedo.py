@@ -2,10 +2,10 @@
 """The GGX layer's directional albedo `f0 A + B` as two polynomials, for shaders without a table.
 
     A + B = P(n.v (1 + alpha) / (n.v + alpha), alpha)
-    B     = (A + B) Q(sqrt(n.v), sqrt(roughness))
+    B     = (A + B) Q(sqrt(n.v), roughness)
 
 alpha is roughness squared. The first variable of P follows from how smooth layers look: near
-grazing their albedo depends on n.v / alpha alone. The roots in Q spread out what happens there.
+grazing their albedo depends on n.v / alpha alone. The root in Q spreads out what happens there.
 """
 
 import functools
@@ -56,7 +56,7 @@ def polynomials() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     alpha = r * r
     return (
         _fitted(v * (1 + alpha) / (v + alpha), alpha, np.ones_like(white), 1 / white),
-        _fitted(v**0.5, r**0.5, parts[..., 1] / least, white / least),
+        _fitted(v**0.5, r, parts[..., 1] / least, white / least),
     )
 
 

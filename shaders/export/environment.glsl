@@ -122,7 +122,7 @@ vec3 asg_layer_albedo(float cos_view, float roughness, vec3 f0) {
     float n_v = clamp(cos_view, ASG_ALBEDO_COS_VIEW_MIN, 1.0);
     float alpha = roughness * roughness;
     float white = asg_polynomial(ASG_ALBEDO_WHITE, n_v * (1.0 + alpha) / (n_v + alpha), alpha);
-    float grazing = asg_polynomial(ASG_ALBEDO_GRAZING, sqrt(n_v), sqrt(roughness));
+    float grazing = asg_polynomial(ASG_ALBEDO_GRAZING, sqrt(n_v), roughness);
     return clamp(white * (f0 * (1.0 - grazing) + grazing), 0.0, 1.0);
 }
 

@@ -26,9 +26,11 @@ vec3 ggx_fresnel(vec3 f0, float cos_half) {
 }
 
 // Return A and B of the directional albedo f0 A + B from the table of
-// asglight/viewer/uniforms/albedo_values.py: texel centres of the outermost texels hold the ends of the range.
+// asglight/viewer/uniforms/albedo_values.py: even in the roots of n.v and roughness; texel centres of
+// the outermost texels hold the ends of the range.
 vec2 ggx_albedo_parts(sampler2D table, float cos_view, float roughness) {
     vec2 texels = vec2(textureSize(table, 0));
-    vec2 uv = (vec2(cos_view, roughness) * (texels - 1.0) + 0.5) / texels;
+    vec2 place = sqrt(max(vec2(cos_view, roughness), 0.0));
+    vec2 uv = (place * (texels - 1.0) + 0.5) / texels;
     return texture(table, uv).rg;
 }

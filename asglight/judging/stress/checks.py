@@ -38,7 +38,7 @@ NEAR, EVEN = 48, 256
 
 BALL_PIXELS = 24
 ROUGHNESS = 0.5
-"""Of the glossy ball: half way on the albedo table's rows, so that what is read there is exact."""
+"""Of the glossy ball: there the shaders' albedo table is within 5e-4."""
 
 VIEW = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
 

@@ -88,10 +88,10 @@ def ball_points(size: int) -> tuple[Tensor, Tensor]:
 
 
 def looked_up(opengl: moderngl.Context, cos_view: Tensor, roughness: float) -> Tensor:
-    """Read the albedo from the shaders' table, linear between its samples.  [P, 2]."""
+    """Read the albedo from the shaders' table, linear between its samples' roots.  [P, 2]."""
     table = np.frombuffer(albedo_table(opengl).read(), np.float32).reshape(SIZE, SIZE, 2)
     values = torch.from_numpy(table.copy()).double()
-    x, y = cos_view * (SIZE - 1), roughness * (SIZE - 1)
+    x, y = cos_view.sqrt() * (SIZE - 1), roughness**0.5 * (SIZE - 1)
     column, row = x.long().clamp(max=SIZE - 2), min(int(y), SIZE - 2)
     lower = torch.lerp(values[row], values[row + 1], y - row)  # [SIZE, 2]
     return torch.lerp(lower[column], lower[column + 1], (x - column)[:, None])
