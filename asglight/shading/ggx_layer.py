@@ -18,7 +18,8 @@ from asglight.shading.rectified import cosine
 from asglight.shading.sheets import Sheets, Window
 
 ROUGHNESS_MIN, ROUGHNESS_MAX = 0.05, 1.0
-"""Where the constants are fitted; beyond, the nearer end's are taken."""
+"""Where the constants are fitted; beyond, the nearer end is taken, as the exported include does. At
+a roughness of 0 the distribution is 0 / 0."""
 
 SHARE_MIN = 2e-3
 """A smaller share is taken as 0, so that a shader can leave the branch out: half a
@@ -45,7 +46,7 @@ class Layer(NamedTuple):
     """What a roughness decides.
 
     Attributes:
-        alpha: Roughness squared.  [...]
+        alpha: Roughness squared, of one in its range.  [...]
         kernel: Cubic polynomials of n.v, from the constant on.  [..., 4 K, 4]
         share: Centre, log slope, weights of the ratio and of v.h; log gain and its slope; log of
             what `kept` loses; what windows STEP and NONE add to the centre.  [..., 9]
@@ -93,7 +94,7 @@ def layer_from(roughness: Tensor, kernel: Tensor, share: Tensor) -> Layer:
     degrees = torch.arange(len(kernel), device=u.device)
     basis = torch.cos(degrees * torch.acos(u.clamp(-1, 1))[..., None])
     return Layer(
-        roughness**2,
+        inside**2,
         torch.einsum("...d,dfk->...fk", basis, kernel),
         torch.einsum("...d,df->...f", basis, share),
     )

@@ -101,7 +101,7 @@ def radiance(lobes: Lobes, normals: Tensor, view: Tensor, roughness: float, f0: 
         lobes: N lobes.  [N, .]
         normals: Unit.  [P, 3]
         view: Unit, towards the camera.  [3] or [P, 3]
-        roughness: Perceptual; alpha is its square.
+        roughness: Perceptual; beyond ROUGHNESS_MIN and ROUGHNESS_MAX of `ggx_layer` the nearer.
         f0: Reflectance along the normal.  [3]
 
     Returns:
@@ -109,7 +109,7 @@ def radiance(lobes: Lobes, normals: Tensor, view: Tensor, roughness: float, f0: 
     """
     made = layer(torch.as_tensor(roughness, dtype=normals.dtype, device=normals.device))
     cos_view = (normals * view).sum(-1).clamp(min=COS_VIEW_MIN)
-    albedo = ggx.albedo_parts(cos_view, roughness**2)
+    albedo = ggx.albedo_parts(cos_view, float(made.alpha))
     unit = reflected(sheets(lobes), normals, view, made, f0, albedo)
     return torch.einsum("mpc,mc->pc", unit, amplitudes(lobes))
 

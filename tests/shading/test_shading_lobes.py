@@ -216,6 +216,16 @@ def test_a_smooth_ball_mirrors_broad_lobes() -> None:
     assert (shown - expected).abs().max() < 0.01 * expected.max()
 
 
+@pytest.mark.parametrize(("beyond", "nearest"), [(0.0, 0.05), (1e-3, 0.05), (1.2, 1.0)])
+def test_a_roughness_out_of_range_shows_the_nearest_in_it(beyond: float, nearest: float) -> None:
+    # At a roughness of 0 the distribution is 0 / 0.
+    lobes = environment(Form.ASG, seed=4)
+    normals, _ = brute_force.ball_points(lobes, 0.5, 40)
+    f0 = torch.tensor([1.0, 0.3, 0.04]).double()
+    shown, wanted = (ggx_lobes.radiance(lobes, normals, VIEW, r, f0) for r in (beyond, nearest))
+    torch.testing.assert_close(shown, wanted, rtol=1e-12, atol=0)
+
+
 def test_turning_everything_changes_nothing() -> None:
     lobes = environment(Form.ASG, seed=4)
     normals, _ = brute_force.ball_points(lobes, 0.5, 40)
