@@ -21,6 +21,7 @@ import glfw  # isort: skip
 
 from asglight.errors import InputError
 from asglight.viewer import layout
+from asglight.viewer.gl.context import collects
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.io import native
 from asglight.viewer.io.documents import RECENT_MAX, Documents, Opener
@@ -98,7 +99,7 @@ class Window:
         """Adopt the window's OpenGL context."""
         # create_context() would look for a context of its own where another one exists already.
         moderngl.init_context()
-        self.context = moderngl.get_context()
+        self.context = collects(moderngl.get_context())
         self.is_open = True
         self._lay_out()
         # What a panel left open when it raised is closed for it; `run` raises the error itself.
@@ -254,11 +255,9 @@ class Window:
             is_labelled=request is Request.RENDER_LABELLED,
             turntable=TURNTABLE if request is Request.RENDER_TURNTABLE else None,
         )
-        renderer = Renderer(self.context)
         try:
-            self.rendering = Rendering(self.session, renderer, wanted)
+            self.rendering = Rendering(self.session, Renderer(self.context), wanted)
         except InputError as error:
-            renderer.release()
             self.state.message = str(error)
 
     def _go_on_rendering(self) -> None:

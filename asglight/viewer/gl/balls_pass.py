@@ -103,8 +103,6 @@ class BallsPass:
     def _upload(self, blocks: Sequence[np.ndarray]) -> None:
         """Write the blocks, into larger buffers if there are more balls than ever before."""
         if not self._blocks or self._blocks[0].size < blocks[0].nbytes:
-            for buffer in self._blocks:
-                buffer.release()
             self._blocks = [self._context.buffer(reserve=values.nbytes) for values in blocks]
         for buffer, values in zip(self._blocks, blocks, strict=True):
             buffer.write(values.tobytes())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An OpenGL context without a window, what to say without one, and how what it made is freed."""
+"""An OpenGL context without a window, what to say without one, and how what it makes is freed."""
 
 import sys
 from typing import Any
@@ -16,18 +16,6 @@ _LOWEST = 210
 
 _SYSTEM_PACKAGES = "On Debian or Ubuntu: apt install libegl1 libgl1."
 
-_ROOM = "asglight.viewer.gl"
-
-_MADE = (
-    moderngl.Buffer,
-    moderngl.Framebuffer,
-    moderngl.Program,
-    moderngl.Texture,
-    moderngl.Texture3D,
-    moderngl.VertexArray,
-)
-"""What moderngl does not free by itself. Queries stay, a number each: it cannot free them."""
-
 
 def standalone_context() -> moderngl.Context:
     """Open an off-screen context: on Linux through EGL, which needs no display.
@@ -37,7 +25,7 @@ def standalone_context() -> moderngl.Context:
     """
     major, minor = GL_VERSION
     try:
-        return _open(100 * major + 10 * minor)
+        return collects(_open(100 * major + 10 * minor))
     except Exception as error:  # glcontext raises plain Exception
         raise InputError(_why_not(error)) from error
 
@@ -74,28 +62,11 @@ def _wanted() -> str:
     return ".".join(map(str, GL_VERSION))
 
 
-def release(owner: object) -> None:
-    """Free what an object of this room holds, and what the objects that it holds do.
+def collects(context: moderngl.Context) -> moderngl.Context:
+    """Let a context gather what nobody holds any more, for `context.gc()` to free.
 
-    Args:
-        owner: It must not draw any more, and none of its targets be bound.
+    Python may drop an object in any thread, and OpenGL frees it only in that of its context. What a
+    context makes must not be freed by hand, with `release()`: `gc()` would fail on it.
     """
-    seen: set[int] = set()
-    waiting: list[Any] = [owner]
-    while waiting:
-        one = waiting.pop()
-        if id(one) in seen:
-            continue
-        seen.add(id(one))
-        if isinstance(one, _MADE):
-            if isinstance(one, moderngl.VertexArray):
-                waiting.append(one.program)
-            elif isinstance(one, moderngl.Framebuffer):
-                waiting.extend(one.color_attachments or ())  # none when it was freed
-            one.release()
-        elif isinstance(one, dict):
-            waiting.extend(one.values())
-        elif isinstance(one, list | tuple):
-            waiting.extend(one)
-        elif type(one).__module__.startswith(_ROOM):
-            waiting.extend(vars(one).values())
+    context.gc_mode = "context_gc"
+    return context

@@ -21,7 +21,6 @@ from asglight.viewer.gl.passes import (
     BackgroundPass,
     LobesPass,
     radiance_target,
-    release_target,
     target_texture,
 )
 from asglight.viewer.gl.reference.reference_cache import ReferenceCache
@@ -80,11 +79,7 @@ class Layer:
             size: Columns and rows.
         """
         if self._target.size != size:
-            # moderngl binds the last used framebuffer again whenever it makes one: it must exist.
-            target = radiance_target(self._context, size)
-            target.use()
-            release_target(self._target)
-            self._target, self._key = target, None
+            self._target, self._key = radiance_target(self._context, size), None
         if self._key == key:
             return False
         self._key = key
@@ -193,7 +188,6 @@ class ReferenceMap:
             return
         height, width, _ = image.shape
         if self._texture.size != (width, height):
-            self._texture.release()
             self._texture = self._context.texture((width, height), 4, dtype="f4")
         opaque = np.ones((height, width, 4), np.float32)
         opaque[..., :3] = image
@@ -250,14 +244,11 @@ class Preview(Layer):
         for ball, cell in zip(balls, cells(size, len(balls)), strict=True):
             if is_tabled(ball):
                 shown = ball_tables.ball(seen, ball.roughness, ball.f0, ball.albedo)
-                table = self._pass.table(shown)
-                self._pass.draw_table(table, cell, self._target)
-                table.release()
+                self._pass.draw_table(self._pass.table(shown), cell, self._target)
             else:
                 self._pass.draw_levels(
                     ball, latlong.texture, irradiance, rotation, cell, self._target
                 )
-        irradiance.release()
         latlong.filter_linearly()
 
 
@@ -350,8 +341,6 @@ class Integral:
             assert put_away is not None
             if worth_keeping:
                 self._cache.put(self._key, put_away)
-            else:
-                put_away.release()
         found = self._cache.take(key)
         if found is not None:
             self._pass.resume(found)

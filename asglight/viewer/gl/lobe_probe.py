@@ -12,13 +12,7 @@ from asglight.lobes import Lobes
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.balls_pass import BallsPass
 from asglight.viewer.gl.context import describe
-from asglight.viewer.gl.passes import (
-    cover,
-    packed_lobes,
-    pass_program,
-    radiance_target,
-    release_target,
-)
+from asglight.viewer.gl.passes import cover, packed_lobes, pass_program, radiance_target
 from asglight.viewer.state.balls import WHITE, Ball
 from asglight.viewer.state.viewer_state import MAX_LOBES
 
@@ -66,9 +60,7 @@ class LobeProbe:
         texture.use(location=0)
         target = radiance_target(self._context, (COLUMNS, rows))
         cover(self._context, self._triangle, target)
-        values = _read(target)
-        for each in (texture, block):
-            each.release()
+        values = self._read(target)
         return values.reshape(-1, 4)[:count, :3]
 
     def ball(self, lobes: Lobes, roughness: float | None, size: int) -> Tensor:
@@ -87,12 +79,11 @@ class LobeProbe:
         target.clear()
         ball = Ball(roughness, albedo=albedo)
         self._balls.draw(lobes, [ball], np.eye(3), [(0, 0, size)], target)
-        return _read(target)[..., :3]
+        return self._read(target)[..., :3]
 
-
-def _read(target: moderngl.Framebuffer) -> Tensor:
-    """Read a radiance target, and free it.  [H, W, 4]."""
-    columns, rows = target.size
-    values = np.frombuffer(target.read(components=4, dtype="f4"), np.float32)
-    release_target(target)
-    return torch.from_numpy(values.reshape(rows, columns, 4).copy())
+    def _read(self, target: moderngl.Framebuffer) -> Tensor:
+        """Read a radiance target, and free what was made for earlier ones.  [H, W, 4]."""
+        columns, rows = target.size
+        values = np.frombuffer(target.read(components=4, dtype="f4"), np.float32)
+        self._context.gc()
+        return torch.from_numpy(values.reshape(rows, columns, 4).copy())

@@ -70,13 +70,6 @@ def target_texture(target: moderngl.Framebuffer) -> moderngl.Texture:
     return texture
 
 
-def release_target(target: moderngl.Framebuffer) -> None:
-    """Free a target with its texture."""
-    texture = target_texture(target)
-    target.release()
-    texture.release()
-
-
 def packed_lobes(lobes: Lobes) -> bytes:
     """Lay lobes out as LobesBlock of shaders/lobes_block.glsl (std140).
 

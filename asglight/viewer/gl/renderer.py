@@ -10,7 +10,6 @@ import numpy as np
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.arrangement import cells, strip
 from asglight.viewer.gl.compare import ball_errors
-from asglight.viewer.gl.context import release
 from asglight.viewer.gl.draft import Draft, Stopwatch
 from asglight.viewer.gl.layers import (
     Background,
@@ -89,11 +88,6 @@ class Renderer:
         self._stopwatch = Stopwatch(context)
         self.reference_progress = 1.0
 
-    def release(self) -> None:
-        """Free what was made on the GPU; nothing can be drawn any more."""
-        self._context.detect_framebuffer(0).use()  # what is bound must exist: see Layer.needs
-        release(self)
-
     @property
     def counts(self) -> Counts:
         """What has been drawn so far."""
@@ -109,6 +103,7 @@ class Renderer:
         Returns:
             Its target, sRGB.
         """
+        self._context.gc()  # here the GPU is ours: see `context.collects`
         rows = strip(size[1], state.parts).rows
         if not self._wants_draft(state):
             self._last = self._pair(state, (size[0], rows))

@@ -67,7 +67,6 @@ class Scopes:
         picture = waveform(colour, weight)
         rows, columns = picture.shape[:2]
         if self._texture.size != (columns, rows):
-            self._texture.release()
             self._texture = self._context.texture((columns, rows), 3, alignment=1)
         self._texture.write((255 * picture).astype(np.uint8).tobytes(), alignment=1)
         shares = np.zeros((3, rows)) if self._found is None else self._found.histogram

@@ -45,7 +45,7 @@ class Rendering:
 
         Args:
             session: What to render.
-            renderer: Draws it, and nothing else; released at the end.
+            renderer: Draws it, and nothing else.
             wanted: What to write.
 
         Raises:
@@ -98,8 +98,7 @@ class Rendering:
         return self.done == self.count
 
     def close(self) -> None:
-        """End the film, free the renderer, and go back to where the playhead was."""
-        self._renderer.release()
+        """End the film, and go back to where the playhead was."""
         state = self._session.state
         time, degrees = self._before
         state.playback.go_to_time(time)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The renderer draws what has changed and nothing else, whatever the context looked like before."""
 
+import threading
+import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -59,21 +61,8 @@ def test_a_ratio_read_back_is_the_same_at_every_intensity(
     state.compare_with(None)
 
 
-def test_a_renderer_that_is_released_leaves_nothing_on_the_gpu(
-    opengl: moderngl.Context, two_lamps: LobeTracks, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made: list[Any] = []
-
-    def recorded(make: Callable[..., Any]) -> Callable[..., Any]:
-        def _recorded(*given: Any, **named: Any) -> Any:
-            made.append(make(*given, **named))
-            return made[-1]
-
-        return _recorded
-
-    for name in ("buffer", "framebuffer", "program", "texture", "vertex_array"):
-        monkeypatch.setattr(opengl, name, recorded(getattr(opengl, name)))
-    state = with_grey(two_lamps)
+def draw_of_everything(opengl: moderngl.Context, state: ViewerState) -> None:
+    """Let a renderer make all that it has, and drop it."""
     renderer = Renderer(opengl)
     state.environment.is_shown = True
     for is_dragging in (False, False, True):
@@ -81,19 +70,57 @@ def test_a_renderer_that_is_released_leaves_nothing_on_the_gpu(
         for subject in (Subject.TOTAL, Subject.SHADING):
             state.compared.subject = subject
             renderer.balls(state, SIZE)
-    state.compare_against(Against("b", two_lamps))
+    state.compare_against(Against("b", state.tracks))
     renderer.balls(state, SIZE)
     renderer.map(state, (32, 16))
     state.is_dragging = False
     renderer.scoped(state)
     state.scene = Scene.GROUND
     renderer.balls(state, SIZE)
-    assert len(made) > 50
-    renderer.release()
-    assert not [one for one in made if not isinstance(one.mglo, moderngl.InvalidObject)]
-    renderer.release()  # once more does no harm
+    state.scene = Scene.BALLS
+
+
+def test_renderers_that_are_dropped_leave_nothing_on_the_gpu(
+    opengl: moderngl.Context, two_lamps: LobeTracks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[weakref.ref[Any]] = []
+
+    def recorded(make: Callable[..., Any]) -> Callable[..., Any]:
+        def _recorded(*given: Any, **named: Any) -> Any:
+            one = make(*given, **named)
+            made.append(weakref.ref(one))
+            return one
+
+        return _recorded
+
+    for name in ("buffer", "framebuffer", "program", "texture", "vertex_array"):
+        monkeypatch.setattr(opengl, name, recorded(getattr(opengl, name)))
+    state = with_grey(two_lamps)
+    for _ in range(3):
+        draw_of_everything(opengl, state)
+        opengl.detect_framebuffer(0).use()  # what is bound stays
+        waiting = len(opengl.objects)
+        assert waiting > 50
+        assert opengl.gc() == waiting
+        assert not [one for one in made if one() is not None]
     Renderer(opengl).balls(state, SIZE)
     state.compare_with(None)
+
+
+def test_a_renderer_that_is_dropped_in_another_thread_is_freed_in_that_of_its_context(
+    opengl: moderngl.Context, two_lamps: LobeTracks
+) -> None:
+    held = [Renderer(opengl)]
+    held[0].balls(ViewerState(two_lamps), SIZE)
+    opengl.detect_framebuffer(0).use()
+    opengl.gc()
+    dropping = threading.Thread(target=held.clear)
+    dropping.start()
+    dropping.join()
+    assert len(opengl.objects) > 20
+    another = Renderer(opengl)
+    another.balls(ViewerState(two_lamps), SIZE)  # which frees them
+    assert len(opengl.objects) < 10  # of its own targets of one pixel
 
 
 def test_only_what_changes_the_light_shades_anew(

@@ -16,7 +16,6 @@ def texel(
     place = min(int(x * width), width - 1), min(int(y * height), height - 1)
     target = context.framebuffer([texture])
     texel = np.frombuffer(target.read((*place, 1, 1), components=4, dtype="f4"), np.float32)
-    target.release()
     return texel[:3] / texel[3] if texel[3] > 0 else None
 
 

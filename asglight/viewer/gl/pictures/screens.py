@@ -12,7 +12,7 @@ from asglight.errors import InputError
 from asglight.viewer.colour import opencolorio
 from asglight.viewer.gl.arrangement import drawn_areas, strip
 from asglight.viewer.gl.display_pass import DisplayPass
-from asglight.viewer.gl.passes import Area, Picture, display_target, release_target
+from asglight.viewer.gl.passes import Area, Picture, display_target
 from asglight.viewer.state.display import Comparison, ViewTransform
 from asglight.viewer.state.held import Held
 from asglight.viewer.state.viewer_state import ViewerState
@@ -145,10 +145,7 @@ class _Shown:
     def needs(self, key: tuple[Any, ...], size: tuple[int, int]) -> bool:
         """Tell whether a picture is another one than that shown, and make room for it."""
         if self.target.size != size:
-            target = display_target(self._context, size)
-            target.use()  # moderngl binds the last used framebuffer again: it must exist
-            release_target(self.target)
-            self.target, self._key = target, None
+            self.target, self._key = display_target(self._context, size), None
         changed = self._key is None or self._key != key
         self._key = key
         return changed

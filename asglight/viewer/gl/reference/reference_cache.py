@@ -8,7 +8,7 @@ from asglight.viewer.gl.reference.reference_pass import Accumulation
 
 
 class ReferenceCache:
-    """Holds accumulations by a key of map, balls, camera and cells; releases the longest unused.
+    """Holds accumulations by a key of map, balls, camera and cells; drops the longest unused.
 
     It owns what was put in until it is taken out: `put(key, reference.detach())` when the view
     changes, then `reference.resume(found)` if `found = cache.take(new_key)` is one, else
@@ -32,22 +32,17 @@ class ReferenceCache:
     def put(self, key: Hashable, accumulation: Accumulation) -> None:
         """Keep a picture; it replaces one of the same key, and may push older ones out.
 
-        One that exceeds the budget alone is released at once.
+        One that exceeds the budget alone is dropped at once.
         """
-        before = self._held.pop(key, None)
-        if before is not None:
-            before.release()
+        self._held.pop(key, None)
         self._held[key] = accumulation
         while self.byte_count > self._budget_bytes:
-            _, oldest = self._held.popitem(last=False)
-            oldest.release()
+            self._held.popitem(last=False)
 
     def take(self, key: Hashable) -> Accumulation | None:
         """Hand a picture over, or return None."""
         return self._held.pop(key, None)
 
     def clear(self) -> None:
-        """Release all pictures."""
-        while self._held:
-            _, oldest = self._held.popitem()
-            oldest.release()
+        """Drop all pictures."""
+        self._held.clear()

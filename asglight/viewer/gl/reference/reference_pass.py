@@ -15,7 +15,7 @@ import torch
 
 from asglight.shading import ball_tables
 from asglight.shading.ball_tables import CameraMap
-from asglight.viewer.gl.passes import pass_program, radiance_target, release_target, target_texture
+from asglight.viewer.gl.passes import pass_program, radiance_target, target_texture
 from asglight.viewer.gl.reference.smooth_balls import SmoothBalls, is_exact
 from asglight.viewer.reference.reference_map import prepared
 from asglight.viewer.state.balls import Ball
@@ -47,13 +47,6 @@ class Accumulation:
     target: moderngl.Framebuffer
     tables: tuple[moderngl.Texture | None, ...]
     samples: int = 0
-
-    def release(self) -> None:
-        """Free the target and the tables."""
-        release_target(self.target)
-        for table in self.tables:
-            if table is not None:
-                table.release()
 
     @property
     def byte_count(self) -> int:
@@ -112,8 +105,6 @@ class ReferencePass:
         """
         ready = prepared(radiance)
         self._radiance = radiance
-        for texture in self._map:
-            texture.release()
         rest = _texture(self._context, ready.levels[0])
         rest.build_mipmaps(0, len(ready.levels) - 1)
         for level, values in enumerate(ready.levels[1:], start=1):
@@ -155,25 +146,17 @@ class ReferencePass:
         self.resume(Accumulation(tuple(balls), rotation, tuple(cells), target, tables))
 
     def detach(self) -> Accumulation | None:
-        """Hand over the picture, if there is one: the caller now has to release it."""
+        """Hand over the picture, if there is one."""
         detached, self._accumulation = self._accumulation, None
-        self._spare.use()  # a bound target must not be released: see Renderer.resize
         return detached
 
     def resume(self, accumulation: Accumulation) -> None:
-        """Go on with a picture, of the map that it was begun with; release the one before."""
-        before = self.detach()
+        """Go on with a picture, of the map that it was begun with; drop the one before."""
         self._accumulation = accumulation
-        unused = None
         if self._spare.size != accumulation.target.size:
-            unused, self._spare = self._spare, self._blank(accumulation.target.size)
+            self._spare = self._blank(accumulation.target.size)
         # The spare one keeps what it has outside the balls.
-        self._spare.use()
         self._spare.clear()
-        if before is not None:
-            before.release()
-        if unused is not None:
-            release_target(unused)
 
     def accumulate(self, samples: int) -> None:
         """Add samples to each pixel, as far as the picture is not finished."""
