@@ -277,3 +277,18 @@ def test_a_picture_larger_than_the_budget_is_not_kept(reference: ReferencePass) 
     cache.put("large", picture)
     assert "large" not in cache
     begin(reference)
+
+
+@pytest.mark.parametrize("pole", [1.0, -1.0])
+def test_light_of_one_pole_does_not_reach_the_other(reference: ReferencePass, pole: float) -> None:
+    # Seen from a pole of a map whose half about that pole is white, the middle of a ball is lit by
+    # white alone; a table that repeats in rows would filter it with the dark pole.
+    radiance = sky(0.0, 64)
+    radiance[:32] = 1.0
+    half = radiance if pole > 0 else radiance[::-1].copy()
+    camera = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -pole], [0.0, pole, 0.0]])
+    matte = Ball(0.1, f0=(0.0, 0.0, 0.0), albedo=(1.0, 1.0, 1.0))
+    middle = slice(SIZE // 2 - 2, SIZE // 2 + 2)
+    shown = picture(reference, half, (matte,), camera, samples=64)[0, middle, middle, :3]
+    # 1 - f0 A - B at f0 = 0; the cosine's tail over the horizon is below 1e-2 so near the pole
+    np.testing.assert_allclose(shown, 1.0, atol=0.01)

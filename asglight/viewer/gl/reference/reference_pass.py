@@ -110,11 +110,11 @@ class ReferencePass:
         for level, values in enumerate(ready.levels[1:], start=1):
             rest.write(values.tobytes(), level=level)
         rest.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.NEAREST
-        rest.repeat_x = True
+        rest.repeat_x, rest.repeat_y = True, False
         shares = _texture(self._context, ready.shares)
         diffuse = _texture(self._context, ready.diffuse)
         diffuse.filter = moderngl.LINEAR, moderngl.LINEAR
-        diffuse.repeat_x = True
+        diffuse.repeat_x, diffuse.repeat_y = True, False
         self._map = rest, shares, diffuse
         self._program["u_sun_density"] = ready.sun_density
 
