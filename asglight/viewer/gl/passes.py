@@ -53,7 +53,9 @@ def pass_program(
 
 def radiance_target(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Framebuffer:
     """Return a target for linear radiance, RGBA32F: half floats end below a sun."""
-    return context.framebuffer([context.texture(size, 4, dtype="f4")])
+    texture = context.texture(size, 4, dtype="f4")
+    texture.repeat_x = texture.repeat_y = False  # a coarse picture is filtered up to its edges
+    return context.framebuffer([texture])
 
 
 def display_target(context: moderngl.Context, size: tuple[int, int]) -> moderngl.Framebuffer:

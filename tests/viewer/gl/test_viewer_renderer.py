@@ -14,12 +14,19 @@ from windows import grey
 
 from asglight.lobes import Form, Lobes, LobeTracks, asg
 from asglight.viewer.gl.arrangement import cells
+from asglight.viewer.gl.display_pass import DisplayPass
 from asglight.viewer.gl.draft import DIVISOR_MAX, FAST_S, SLOW_S, Draft, Stopwatch
-from asglight.viewer.gl.passes import LobesPass, radiance_target
+from asglight.viewer.gl.passes import (
+    LobesPass,
+    Picture,
+    display_target,
+    radiance_target,
+    target_texture,
+)
 from asglight.viewer.gl.renderer import Counts, Renderer
 from asglight.viewer.state.balls import Material
 from asglight.viewer.state.compared.against import Against
-from asglight.viewer.state.display import Comparison, Subject
+from asglight.viewer.state.display import Comparison, Display, Subject
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Scene
 from asglight.viewer.uniforms.map_lobes import widened
@@ -302,6 +309,19 @@ def test_lobes_of_any_width_keep_their_flux_on_the_map(
     flux = (image[..., 0].sum(1) * solid_angle).sum()
     expected = float(asg.integral(lobes)[0])
     assert flux == pytest.approx(expected, rel=0.03)  # as widened() promises, and both axes
+
+
+def test_a_coarse_picture_does_not_show_one_edge_at_the_other(opengl: moderngl.Context) -> None:
+    coarse = radiance_target(opengl, (4, 2))
+    values = np.zeros((2, 4, 4), np.float32)
+    values[..., 3] = values[:, 3, :3] = 1.0  # white on the right
+    target_texture(coarse).write(values.tobytes())
+    shown = display_target(opengl, (16, 8))
+    DisplayPass(opengl).draw(
+        Picture(target_texture(coarse)), None, Display(), Comparison.FIT, shown
+    )
+    assert (pixels(shown)[:, :8] == 0).all()
+    assert (pixels(shown)[:, 14:] == 255).all()
 
 
 def test_draft_becomes_coarse_when_slow_and_fine_when_fast() -> None:
