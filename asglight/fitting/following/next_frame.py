@@ -100,7 +100,8 @@ CHANGED = 1.2
 lobes are far too few for the map every loss is high, and nothing is in doubt."""
 
 AFRESH_GAIN = 2 / 3
-"""Share of the loss below which a fit from nothing takes the place of one that was followed."""
+"""Share of the loss below which a fit from nothing, or from the frame before the last, takes the
+place of one that was followed."""
 
 
 def fit_next_frame(
@@ -129,15 +130,14 @@ def fit_next_frame(
     if float(previous.amplitude.max()) <= 0:
         fresh = fit_first_frame(reference, count, previous.form, settings.afresh, threads=threads)
         return _in_own_tracks(fresh, [-1] * fresh.lobes.count, previous, previous, free)
-    before = _scaled(previous, 1 / _within_reach(frame.exposure, previous))
-    tracks = torch.nonzero(~temporal.is_dark(before)).flatten()
     whole = objective.target(frame.radiance)
     coarse = objective.trial_target(frame.radiance, settings.whole[0].corners)
     width_min = narrowest(frame.height)
-    own = before.select(tracks)
-    outcome, unlike = initial_guess(
-        own, None if earlier is None else earlier.select(tracks), coarse, width_min
-    )
+    guess = _guess_from(previous, earlier, frame.exposure, coarse, width_min)
+    if earlier is not None and guess.unlike > CHANGED * float(guess.outcome.value):
+        guess = _if_it_was_a_flash(guess, earlier, frame.exposure, coarse, width_min)
+    before, tracks, own = guess.before, guess.tracks, guess.own
+    outcome, unlike = guess.outcome, guess.unlike
     prior = temporal.prior(outcome.lobes)
     outcome = stepped(outcome, coarse, settings.coarse, prior, width_min)
     known = before.replaced(tracks, outcome.lobes[0])
@@ -165,6 +165,58 @@ def fit_next_frame(
     # new lobes come last, from no track
     origin = torch.nn.functional.pad(tracks, (0, len(stays) - len(tracks)), value=-1)[stays]
     return _in_own_tracks(fit, origin.tolist(), known, previous, free)
+
+
+@dataclass(frozen=True)
+class _Guess:
+    """Where the steps of a frame begin.
+
+    Attributes:
+        before: The tracks that it follows, in the exposure of this frame.  [2 N, .]
+        tracks: Those of them that are lit.  [K]
+        own: Their lobes.  [K, .]
+        outcome: The lobes to begin with.
+        unlike: Loss of `own` as they were.
+    """
+
+    before: Lobes
+    tracks: Tensor
+    own: Lobes
+    outcome: newton.Outcome
+    unlike: float
+
+
+def _guess_from(
+    followed: Lobes,
+    earlier: Lobes | None,
+    exposure: float,
+    frame: objective.Target,
+    width_min: float,
+) -> _Guess:
+    """Return the initial guess from the tracks of one frame."""
+    before = _scaled(followed, 1 / _within_reach(exposure, followed))
+    tracks = torch.nonzero(~temporal.is_dark(before)).flatten()
+    own = before.select(tracks)
+    moved_from = None if earlier is None else earlier.select(tracks)
+    return _Guess(before, tracks, own, *initial_guess(own, moved_from, frame, width_min))
+
+
+def _if_it_was_a_flash(
+    guess: _Guess, earlier: Lobes, exposure: float, frame: objective.Target, width_min: float
+) -> _Guess:
+    """Return the guess from the frame before the last, where this frame is as that one was.
+
+    A flash of one frame takes the lobes from what it outshines. Relocation would bring them back
+    one by one.
+    """
+    if float(earlier.amplitude.max()) <= 0:
+        return guess
+    as_it_was = _scaled(earlier, 1 / _within_reach(exposure, earlier))
+    shown = lobe_images.images(as_it_was[None], frame.places).radiance
+    if CHANGED * float(objective.value(shown, frame)) >= guess.unlike:
+        return guess
+    back = _guess_from(earlier, None, exposure, frame, width_min)
+    return back if back.outcome.value < AFRESH_GAIN * guess.outcome.value else guess
 
 
 def _if_better(
