@@ -106,6 +106,7 @@ def lobe_rows(tracks: LobeTracks) -> list[dict[str, Any]]:
         # A lobe that is never lit is described where it lies.
         seen = seen if bool(seen.any()) else torch.ones_like(seen)
         weight = flux[seen, index].clamp(min=torch.finfo(torch.float64).tiny)
+        weight = weight / weight.max()  # `normalize` leaves vectors below 1e-12 as they are
         axis_z = lobes.axis_z[seen, index]
         mean = torch.nn.functional.normalize((weight[:, None] * axis_z).sum(0), dim=0)
         cosine = (axis_z @ mean).clamp(-1, 1)

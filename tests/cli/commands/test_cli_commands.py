@@ -256,3 +256,10 @@ def test_info_counts_only_lit_frames_and_where_they_point() -> None:
     assert row["latitude_deg"] == pytest.approx(0)
     assert row["moves_deg"] == pytest.approx(45)
     assert row["flux_share"] == pytest.approx(2 / 3)
+
+
+@pytest.mark.parametrize("light", [1e-20, 0.0])
+def test_info_tells_where_a_dim_or_black_lobe_points(light: float) -> None:
+    (row,) = info.lobe_rows(one_lobe([[0.0, 0.6, -0.8]] * 2, [light] * 2))
+    assert row["direction"] == pytest.approx([0.0, 0.6, -0.8])
+    assert row["moves_deg"] == pytest.approx(0.0, abs=0.05)  # float32 directions
