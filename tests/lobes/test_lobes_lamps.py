@@ -85,3 +85,11 @@ def test_frames_have_the_lamps_that_each_has_by_itself() -> None:
         torch.testing.assert_close(found.centre[frame], alone.centre)
         torch.testing.assert_close(found.off_centre[frame], alone.off_centre)
     assert found.number[:3].tolist() == [[0, 1, 1, 1, 4], [-1, 0, -1, 0, 2], [-1] * 5]
+
+
+def test_lamps_are_the_same_in_any_unit_of_light() -> None:
+    near = [0.0, 3.0, 90.0], [400.0] * 3
+    found = on_the_horizon(*near, [1.0, 2.0, 0.0])
+    dim = on_the_horizon(*near, [1e-20, 2e-20, 0.0])
+    torch.testing.assert_close(dim.centre, found.centre)
+    torch.testing.assert_close(dim.off_centre, found.off_centre)

@@ -60,6 +60,8 @@ def lamps(lobes: Lobes, flux: Tensor) -> Lamps:
     belongs = _connected(_bright_between(own, lit)) & lit[:, None] & lit[..., None]
     number = belongs.int().argmax(-1)  # the lamp's first lobe
     light = belongs.double() * flux[:, None]  # [F, K, K]
+    # `normalize` leaves vectors below 1e-12 as they are
+    light = light / light.amax(-1, keepdim=True).clamp(min=torch.finfo(light.dtype).tiny)
     centre = torch.nn.functional.normalize(light @ own.axis_z, dim=-1)
     angle = (own.axis_z * centre).sum(-1).clamp(-1, 1).acos()
     spread = angle.square() + variance(own).sum(-1)
