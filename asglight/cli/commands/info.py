@@ -94,12 +94,13 @@ def lobe_rows(tracks: LobeTracks) -> list[dict[str, Any]]:
     """Describe each lobe over the shot.
 
     The direction is the mean weighted by flux, `moves_deg` the largest angle from it while the lobe
-    is lit. Longitude and latitude are those of the latlong: 0 degrees is +Z, 90 degrees +X.
+    is lit, `flux_share` the mean over the frames that have light. Longitude and latitude are those of the latlong: 0 degrees is +Z, 90 degrees +X.
     """
     lobes = tracks.lobes.to(torch.float64)
     flux = asg.flux(lobes).sum(-1)  # [F, N]
-    share = flux / flux.sum(1, keepdim=True).clamp(min=torch.finfo(torch.float64).tiny)
     lit = flux > 0
+    shares = flux / flux.sum(1, keepdim=True).clamp(min=torch.finfo(torch.float64).tiny)
+    share = shares.sum(0) / lit.any(1).sum().clamp(min=1)  # mean over frames that are not black
     rows = []
     for index in range(lobes.count):
         seen = lit[:, index]
@@ -121,7 +122,7 @@ def lobe_rows(tracks: LobeTracks) -> list[dict[str, Any]]:
                 "moves_deg": math.degrees(math.acos(float(cosine.min()))),
                 "sharpness_min": float(sharpness.min()),
                 "sharpness_max": float(sharpness.max()),
-                "flux_share": float(share[:, index].mean()),
+                "flux_share": float(share[index]),
                 "lit_frames": int(lit[:, index].sum()),
             }
         )

@@ -255,7 +255,7 @@ def test_info_counts_only_lit_frames_and_where_they_point() -> None:
     assert row["longitude_deg"] == pytest.approx(45)
     assert row["latitude_deg"] == pytest.approx(0)
     assert row["moves_deg"] == pytest.approx(45)
-    assert row["flux_share"] == pytest.approx(2 / 3)
+    assert row["flux_share"] == pytest.approx(1)  # of the frames that have light
 
 
 @pytest.mark.parametrize("light", [1e-20, 0.0])
