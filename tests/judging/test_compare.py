@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib.image
 import pytest
@@ -94,6 +95,24 @@ def test_results_are_those_of_each_methods_map(monkeypatch: pytest.MonkeyPatch) 
     assert math.isfinite(lights.psnr)
     size = compare.QUICK_BALL_SIZE
     assert found.balls.shape == lights.balls.shape == (3, size, size, 3)
+
+
+def test_the_first_method_does_not_pay_what_a_process_pays_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    once, clock, fit_frame = iter((100.0,)), [0.0], methods.fit_frame
+
+    def paying(*args: Any, **kwargs: Any) -> Any:
+        clock[0] += next(once, 1.0)
+        return fit_frame(*args, **kwargs)
+
+    monkeypatch.setattr(spheres, "render", even_balls)
+    monkeypatch.setattr(perceptual, "hdr_flip", lambda balls, reference: None)
+    monkeypatch.setattr(methods, "fit_frame", paying)
+    monkeypatch.setattr(compare.time, "process_time", lambda: clock[0])
+    plan = compare.Plan(("best", "fast"), floats=16, quick=True)
+    found = compare.compare(lamp_map(), plan, followed([], []))
+    assert [one.seconds for one in found.results] == [1.0, 1.0]
 
 
 def result(**changes: object) -> compare.Result:

@@ -79,14 +79,12 @@ def runs(reference: Tensor, plan: Plan, follow: Follow) -> list[Run]:
         plan: What is measured.
         follow: Shows how far this is.
     """
-    fit_frame(reference, FitOptions(plan.lobes), None)  # unmeasured: a first fit prepares its grids
+    methods.warm_up(reference, plan.lobes)
     done: list[Run] = []
     for name in EFFORTS:
         counts = plan.counts[name]
         for count in follow(counts, f"fitting {name}, lobes {_listed(counts)}", len(counts)):
             done.append(preset_run(reference, name, count, plan.checkpoints))
-    # unmeasured: torch loads parts of itself at the first step
-    fit_frame(reference, FitOptions(1, Preset.PAPER, paper_steps=(1, 1)), None)
     for count in plan.counts["paper"]:
         done.append(paper_run(reference, count, plan.paper_ladder(count), follow))
     counts = plan.counts["em"]

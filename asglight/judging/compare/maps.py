@@ -18,6 +18,7 @@ from asglight.judging.compare.methods import COMPARED, Task
 from asglight.judging.compare.spheres import SPHERES, SphereErrors
 from asglight.judging.keyed import Keyed
 from asglight.judging.metrics import map_errors
+from asglight.lobes import Form
 from asglight.peers.approximation import LOBE_FLOATS, Approximation
 
 FLOATS = 120
@@ -121,6 +122,7 @@ def compare(reference: Tensor, plan: Plan, follow: Follow) -> Comparison:
         plan: Methods and budget.
         follow: Shows how far this is.
     """
+    methods.warm_up(reference, plan.floats // LOBE_FLOATS[Form.ASG])
     fits = [_fit(name, reference, plan, follow) for name in plan.names]
     maps = torch.stack([reference, *(fit.radiance for fit in fits)])
     size = QUICK_BALL_SIZE if plan.quick else BALL_SIZE

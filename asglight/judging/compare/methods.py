@@ -75,6 +75,19 @@ def run(method: Method, task: Task) -> Approximation:
         return method.fit(task)
 
 
+def warm_up(reference: Tensor, lobes: int) -> None:
+    """Pay before the clock runs what the first fits of a process pay: unmeasured, thrown away.
+
+    Args:
+        reference: Repaired radiance, with some light in it.  [H, W, 3]
+        lobes: Of the fits to come.
+    """
+    with one_thread():
+        fit_frame(reference, FitOptions(lobes), None)  # a first fit prepares its grids
+        # torch loads parts of itself at the first step
+        fit_frame(reference, FitOptions(1, Preset.PAPER, paper_steps=(1, 1)), None)
+
+
 def _ours(preset: Preset) -> Callable[[Task], Approximation]:
     def fit(task: Task) -> Approximation:
         options = FitOptions(lobes=task.floats // LOBE_FLOATS[Form.ASG], preset=preset)
