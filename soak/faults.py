@@ -24,6 +24,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from asglight.cli.folders import write_text
 from asglight.images import write_exr
 from asglight.shots.kept.records import parse_line
 from soak.shot import FRAMES, Run, files, new_folder, results, sky, write_shot
@@ -356,7 +357,7 @@ def main() -> int:
     parser.add_argument("-o", "--output", type=Path, default=Path("soak-output"))
     arguments = parser.parse_args()
     told = faults(arguments.output / "faults", arguments.kills, arguments.others, arguments.seed)
-    (arguments.output / "faults.json").write_text(json.dumps([vars(one) for one in told]))
+    write_text(arguments.output / "faults.json", json.dumps([vars(one) for one in told]))
     print(as_table(told))
     wrong = [line for one in told for line in one.wrong]
     for line in wrong:

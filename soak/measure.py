@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from asglight.cli.folders import write_text
 from soak import faults, fuzz, scale
 
 FILES = 100_000
@@ -116,8 +117,8 @@ def main() -> int:
     parser.add_argument("-o", "--output", type=Path, default=Path("soak-output"))
     arguments = parser.parse_args()
     document = measure(arguments.output, short=arguments.short, seed=arguments.seed)
-    (arguments.output / "soak.md").write_text(document.pop("page"))
-    (arguments.output / "soak.json").write_text(json.dumps(document, indent=1))
+    write_text(arguments.output / "soak.md", document.pop("page"))
+    write_text(arguments.output / "soak.json", json.dumps(document, indent=1))
     print((arguments.output / "soak.md").read_text())
     for line in document["wrong"]:
         print(f"wrong: {line}", file=sys.stderr)

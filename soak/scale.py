@@ -22,6 +22,7 @@ import numpy as np
 import OpenImageIO
 import torch
 
+from asglight.cli.folders import write_text
 from asglight.fitting.options import FitOptions, Preset
 from asglight.images import read_latlong, write_exr
 from asglight.images.decoding.decoders import APART
@@ -224,7 +225,7 @@ def main() -> None:
     arguments = parser.parse_args()
     chosen = tuple(map(int, arguments.lengths.split(",")))
     rows = scale(arguments.output / "scale", chosen)
-    (arguments.output / "scale.json").write_text(json.dumps([vars(row) for row in rows]))
+    write_text(arguments.output / "scale.json", json.dumps([vars(row) for row in rows]))
     print(as_table(rows))
 
 

@@ -24,6 +24,7 @@ import numpy as np
 import OpenEXR
 
 import asglight
+from asglight.cli.folders import write_text
 from asglight.cli.main import main as asglight_main
 from asglight.lobes import asg
 
@@ -290,7 +291,7 @@ def main() -> None:
         text = table(rows).replace(f"{folder}/", "").replace(f"{arguments.field}/", "")
     print(text)
     if arguments.output:
-        arguments.output.write_text(f"{text}\n")
+        write_text(arguments.output, f"{text}\n")
     sys.exit(not all(row.is_right for row in rows))
 
 

@@ -20,6 +20,7 @@ from typing import Any
 import torch
 from fileseq import framesToFrameRange
 
+from asglight.cli.folders import write_text
 from asglight.cli.options.parser import one_line
 from asglight.cli.progress import Reporter, reporter
 from asglight.errors import InputError
@@ -78,7 +79,7 @@ def measured(options: argparse.Namespace) -> dict[str, Any]:
             found[sequence.name] = account
             picture.draw(options.output / f"{sequence.name}.png", maps, tracks)
             text = json.dumps(found, indent=1)
-            (options.output / "motion.json").write_text(text + "\n")
+            write_text(options.output / "motion.json", text + "\n")
     return found
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
+from asglight.images.output import written_beside
 from asglight.judging.motion import between
 from asglight.judging.pictures.display import exposure_stops, view_transform
 from asglight.lobes import Lobes, LobeTracks, motion, texels
@@ -56,8 +57,8 @@ def draw(path: Path, maps: dict[int, torch.Tensor], tracks: LobeTracks) -> None:
         axes.set_axis_off()
     kind = "column" if along_column else "row"
     figure.supxlabel(f"{kind} {line} of the map, time downwards", color="#9a9a9a", fontsize=10)
-    with mpl.rc_context({"savefig.facecolor": "#1b1d1f"}):
-        figure.savefig(path, dpi=110)
+    with mpl.rc_context({"savefig.facecolor": "#1b1d1f"}), written_beside(path) as temporary:
+        figure.savefig(temporary, dpi=110)
 
 
 def shown(lobes: Lobes, height: int) -> torch.Tensor:

@@ -84,6 +84,8 @@ def made(wanted: Sequence[Part], options: argparse.Namespace) -> list[str]:
             make(part, options.root, places, options.output.resolve() / part.name, where)
         except PartError as error:
             failed.append(f"{part.name}: {error}")
+        except InputError as error:
+            failed.append(f"{part.name}: {one_line(str(error))}")
     return failed
 
 

@@ -13,6 +13,9 @@ from pathlib import Path
 
 from PIL import Image
 
+from asglight.cli.folders import write_text
+from asglight.images.output import written_beside
+
 FIGURES = ("lobes", "losses", "time", "forms")
 
 COLOURS = 200
@@ -26,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in FIGURES:
         shrink(source / f"figure-{name}.png", target / f"figure-{name}.png")
     captions = [(source / f"figure-{name}.md").read_text() for name in FIGURES]
-    (target / "figures.md").write_text(assembled(captions))
+    write_text(target / "figures.md", assembled(captions))
     return 0
 
 
@@ -37,7 +40,8 @@ def shrink(source: Path, target: Path) -> None:
     # the palette of the octree keeps rare hues, which the median cut drops
     palette = colours.quantize(COLOURS, method=Image.Quantize.FASTOCTREE)
     dithered = colours.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
-    dithered.save(target, optimize=True)
+    with written_beside(target) as temporary:
+        dithered.save(temporary, optimize=True)
 
 
 def assembled(captions: Sequence[str]) -> str:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from asglight.cli.folders import write_text
+from asglight.images.output import written_beside
 from asglight.judging.machine import machine
 from benchmarks.results.blocks import Block, blocks, loose_numbers, with_blocks
 from benchmarks.results.parts import Part
@@ -90,7 +92,7 @@ def renamed(root: Path, parts: dict[str, Part]) -> None:
         return replace(block, command=parts[name].shown()) if name in parts else block
 
     for path in pages(root):
-        path.write_text(with_blocks(path.read_text(), change))
+        write_text(path, with_blocks(path.read_text(), change))
 
 
 def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Where) -> None:
@@ -110,7 +112,7 @@ def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Wh
         printed = run.stdout
         if run.returncode:
             raise PartError(f"{' '.join(words)}: ended with status {run.returncode}")
-    (output / "stdout.txt").write_text(printed)
+    write_text(output / "stdout.txt", printed)
     new = {path for path, stamp in _stamps(output).items() if left.get(path) != stamp}
     content = _contents(part, output, printed, new)
     missing = _asked(part, root) - content.keys()
@@ -119,10 +121,11 @@ def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Wh
     for target, source in part.pictures.items():
         drawn = _newly(source, output, new)
         (root / target).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(drawn, root / target)
+        with written_beside(root / target) as temporary:
+            shutil.copyfile(drawn, temporary)
     for path in pages(root):
         note = where.note(part.shown(), is_hidden=path.parent == root)
-        path.write_text(with_blocks(path.read_text(), partial(_made, part, content, note)))
+        write_text(path, with_blocks(path.read_text(), partial(_made, part, content, note)))
 
 
 def _stamps(folder: Path) -> dict[Path, int]:

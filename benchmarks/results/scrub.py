@@ -17,6 +17,7 @@ from pathlib import Path
 from PIL import Image
 
 from asglight.images import open_sequence
+from asglight.images.output import written_beside
 
 MILLISECONDS = 80
 """Of a frame: half the speed of the shot, so that one sees what moves."""
@@ -66,15 +67,16 @@ def screenshot(stage: Path, frame: int) -> Image.Image:
 def write_moving(path: Path, pictures: Sequence[Image.Image]) -> None:
     """Write pictures as one that plays for ever."""
     first, *rest = pictures
-    first.save(
-        path,
-        save_all=True,
-        append_images=rest,
-        duration=MILLISECONDS,
-        loop=0,
-        quality=QUALITY,
-        method=6,
-    )
+    with written_beside(path) as temporary:
+        first.save(
+            temporary,
+            save_all=True,
+            append_images=rest,
+            duration=MILLISECONDS,
+            loop=0,
+            quality=QUALITY,
+            method=6,
+        )
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from asglight.cli.folders import write_text
 from asglight.lobes import Form, Lobes, asg, frames
 from asglight.shading import brute_force, ggx, ggx_layer, ggx_lobes, ggx_lobes_constants
 from asglight.shading.sheets import Sheets, Window, sheets
@@ -118,7 +119,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     scenes = {form: draw(form, options.scenes) for form in FORMS}
     constants = fitted(scenes, options.terms, options.steps)
     report(constants, held_out)
-    options.output.write_text(module(constants))
+    write_text(options.output, module(constants))
 
 
 def draw(form: Form, count: int) -> Scenes:

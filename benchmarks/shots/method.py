@@ -21,6 +21,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from asglight.cli.folders import write_text
 from asglight.cli.progress import Reporter, reporter
 from asglight.fitting.options import FIT_HEIGHT, LOBES, FitOptions
 from asglight.fitting.paper import fit as paper
@@ -73,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             for part in options.parts:
                 fits = PARTS[part](reference, report, f"{path.stem}: {part}")
                 found[part][path.stem] = judged(list(fits), reference)
-            options.output.write_text(json.dumps(found, indent=1) + "\n")
+            write_text(options.output, json.dumps(found, indent=1) + "\n")
     print("\n\n".join(table for part in options.parts for table in tables(part, found[part])))
     return 0
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from torch import Tensor
 
+from asglight.cli.folders import write_text
 from asglight.cli.progress import reporter
 from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import read_latlong
@@ -55,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for part in options.parts:
             found[part] = PARTS[part](options.map, plan_of(Effort.FULL), report.follow)
             if options.output is not None:
-                options.output.write_text(json.dumps(found, indent=1) + "\n")
+                write_text(options.output, json.dumps(found, indent=1) + "\n")
     print("\n\n".join(table(account) for account in found.values()))
     return 0
 

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from asglight.cli.folders import write_text
 from asglight.fitting.options import FIT_HEIGHT, LOBES
 from asglight.images import read_latlong
 from asglight.judging.metrics import frame_errors
@@ -59,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         document[name] = compared(given, arithmetic, device)
         print(f"{table(document[name], f'float32 against {name}')}\n")
     if options.output is not None:
-        options.output.write_text(json.dumps(document, indent=1) + "\n")
+        write_text(options.output, json.dumps(document, indent=1) + "\n")
     return 0
 
 

@@ -20,6 +20,7 @@ from asglight.images import write_exr
 from asglight.judging.bench.plan import Effort, plan_of
 from asglight.judging.metrics import METRIC_NAMES
 from asglight.lobes import Form
+from tests.support.old_files import old_files
 
 method = module("shots.method")
 docs_figures = module("results.figures")
@@ -84,7 +85,9 @@ def test_every_map_of_a_folder_is_in_the_tables(
     for name, value in {"LOBES": 2, "STEPS": 3, "ROWS": 8}.items():
         monkeypatch.setattr(method, name, value)
     words = ["--maps", str(tmp_path), "--parts", "forms", "losses", "-o", str(tmp_path / "o.json")]
+    linked = old_files(tmp_path, "o.json")
     assert method.main(words) == 0
+    assert [kept.read_text() for kept in linked] == ["old"]
     out = capsys.readouterr().out
     assert "| round | " in out
     assert "| L2 of sRGB | " in out
@@ -134,7 +137,9 @@ def test_growth_alone_is_measured_and_told(
     monkeypatch.setattr(growth, "plan_of", lambda effort: few)
     write_exr(tmp_path / "sky.exr", sky_and_sun(20.0, 32))
     target = tmp_path / "growth.json"
+    linked = old_files(tmp_path, "growth.json")
     assert growth.main([str(tmp_path / "sky.exr"), "-o", str(target)]) == 0
+    assert [kept.read_text() for kept in linked] == ["old"]
     found = json.loads(target.read_text())
     assert found["texels"]["methods"]["fast"]["sizes"] == [512, 2048, 8192]
     told = capsys.readouterr().out.splitlines()

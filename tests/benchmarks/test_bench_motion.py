@@ -10,6 +10,7 @@ from lobe_cases import sky_and_sun
 
 from asglight.images import write_exr
 from benchmarks.motion import measure, tables
+from tests.support.old_files import old_files
 
 
 @pytest.fixture
@@ -31,10 +32,12 @@ def test_a_moving_sun_is_one_track_and_right_between_frames(
     """Dissolved maps show two suns half-way; lobes show one, where it is."""
     monkeypatch.setattr(measure, "LOBES", 4)
     monkeypatch.setattr(measure, "fit_sequence", partial(measure.fit_sequence, lobes=4))
+    linked = old_files(tmp_path / "out", "motion.json", "sun.png")
     status = measure.main(
         ["--sequences", str(sequences), "--presets", "fast", "-o", str(tmp_path / "out")]
     )
     assert status == 0
+    assert [kept.read_text() for kept in linked] == ["old", "old"]
     found = json.loads((tmp_path / "out" / "motion.json").read_text())["sun"]["fast"]
     assert found["ratios"]["rule"]["r0.25"] < 0.9
     assert found["ratios"]["maps"]["r0.25"] > 0.9

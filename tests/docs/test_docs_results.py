@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m benchmarks.results`: pages are made by their commands, and hold no other numbers."""
 
+import errno
 import json
+import os
 import subprocess
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from benchmarks.results.blocks import Block, blocks, is_of_numbers, loose_number
 from benchmarks.results.parts import PARTS_FILE, chosen, read_parts
 from benchmarks.results.readers import read_tables
 from benchmarks.results.running import complaints, here
+from tests.support.old_files import old_files
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -117,9 +120,13 @@ def test_pages_and_pictures_are_taken_from_the_output(tmp_path: Path) -> None:
         f"<!-- made by: {shown} [fake.page] -->\n<!-- end -->\n"
         f"<!-- made by: {shown} [fake.picture] -->\n![A ball](docs/b.png)\n<!-- end -->\n"
     )
+    (drawn,) = old_files(tmp_path / "docs", "b.png")
+    page, old = readme.read_text(), tmp_path / "README.kept"
+    os.link(readme, old)
     assert run(tmp_path) == 0
-    page, picture = blocks(readme.read_text())
-    assert page.content.startswith("made\n\n<!-- Made by")
+    assert (drawn.read_text(), old.read_text()) == ("old", page)
+    made, picture = blocks(readme.read_text())
+    assert made.content.startswith("made\n\n<!-- Made by")
     assert picture.content.startswith("![A ball](docs/b.png)\n\n<!-- Made by")
     assert (tmp_path / "docs" / "b.png").read_text() == "drawn"
 
@@ -148,6 +155,25 @@ def test_pictures_of_one_part_keep_each_its_own_link(tmp_path: Path) -> None:
         "![A](a.png)",
         "![B](b.png)",
     ]
+
+
+def test_a_page_that_cannot_be_written_is_said_in_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    readme, file = repository(tmp_path, "", f"[fake]\ncommands = ['''{PRINTS}''']\n")
+    start = f"<!-- made by: {read_parts(file)['fake'].shown()} [fake.1] -->"
+    readme.write_text(f"{start}\nx\n<!-- end -->\n")
+    text = readme.read_text()
+
+    def full(path: Path, written: str, **_: object) -> None:
+        if path.suffix == ".md":
+            path.open("w").write(written[:5])
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    assert run(tmp_path) == 1
+    assert "results: fake: " in capsys.readouterr().err
+    assert readme.read_text() == text
 
 
 def test_what_fails_is_said_and_the_other_parts_go_on(

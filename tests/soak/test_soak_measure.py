@@ -12,6 +12,7 @@ from soak.batch import Outcome
 from soak.faults import Told
 from soak.fuzz import Found
 from soak.measure import Parts
+from tests.support.old_files import old_files
 
 
 def test_a_part_is_told_of_when_it_ends(capsys: pytest.CaptureFixture[str]) -> None:
@@ -35,7 +36,9 @@ def test_a_command_tells_by_its_exit_status_whether_something_is_wrong(
     monkeypatch.setattr(faults, "faults", lambda *_: told)
     monkeypatch.setattr(scale, "scale", lambda *_: [])
     monkeypatch.setattr(sys, "argv", ["soak", "-o", str(tmp_path)])
+    linked = old_files(tmp_path, "soak.md", "soak.json", "faults.json")
     assert command.main() == int(is_bad)
+    assert [kept.read_text() for kept in linked] == ["old"] * 3
 
 
 def test_what_was_found_is_written_though_scale_failed(
