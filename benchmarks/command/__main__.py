@@ -48,6 +48,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     if options.times < 1:
         parser.error(f"--times: {options.times}; expected 1 or more")
+    if options.bless and options.short and options.baseline.resolve() == BASELINE.resolve():
+        parser.error(
+            "--bless: --short would put a trial in place of the baseline; expected one of the two, "
+            "or --baseline FILE"
+        )
     sizes = SHORT if options.short else Sizes(times=options.times)
     before: dict[str, float] = {}
     try:

@@ -2,6 +2,7 @@
 """Ratios of a run held against those of an earlier one."""
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -50,15 +51,24 @@ def read(path: Path, names: list[str], sizes: Mapping[str, Any]) -> dict[str, fl
         raise InputError(f"{shown(path)}: is no JSON; expected a baseline. {fix}") from error
     if not isinstance(found, dict) or found.get(TAG) != FORMAT:
         raise InputError(f"{shown(path)}: is no baseline of this version; expected one. {fix}")
-    if list(found["ratios"]) != names:
-        raise InputError(
-            f"{shown(path)}: has {listing(found['ratios'])}; expected {listing(names)}. {fix}"
-        )
+    ratios = found.get("ratios")
+    if not isinstance(ratios, dict) or not isinstance(found.get("sizes"), dict):
+        raise InputError(f"{shown(path)}: has no ratios and sizes; expected a baseline. {fix}")
+    if list(ratios) != names:
+        raise InputError(f"{shown(path)}: has {listing(ratios)}; expected {listing(names)}. {fix}")
     if found["sizes"] != sizes:
         raise InputError(
             f"{shown(path)}: is of {shown(str(found['sizes']))}; expected {sizes}. {fix}"
         )
-    return found["ratios"]
+    wrong = [name for name, value in ratios.items() if not _is_ratio(value)]
+    if wrong:
+        raise InputError(f"{shown(path)}: {listing(wrong)}: no ratio; expected a baseline. {fix}")
+    return ratios
+
+
+def _is_ratio(value: object) -> bool:
+    # nothing is worse than one that is infinite or no number
+    return isinstance(value, int | float) and 0 < value < math.inf
 
 
 def worse(before: Mapping[str, float], now: Mapping[str, float]) -> list[str]:

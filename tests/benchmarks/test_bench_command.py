@@ -113,6 +113,21 @@ def test_the_committed_baseline_is_of_the_ratios_that_are_measured() -> None:
             "has a; expected --help over import torch, ",
         ),
         (json.dumps(gate.as_baseline(dict.fromkeys(NAMES, 1.0), {"frames": 1})), "is of {'frames"),
+        ('{"asglight_command_baseline": 1}', "has no ratios and sizes; expected a baseline."),
+        (
+            '{"asglight_command_baseline": 1, "ratios": {}}',
+            "has no ratios and sizes; expected a baseline.",
+        ),
+        *(
+            (
+                json.dumps(gate.as_baseline({}, SIZES) | {"ratios": dict.fromkeys(NAMES, value)}),
+                said,
+            )
+            for value, said in (
+                ("x", "no ratio; expected a baseline."),
+                (math.nan, "no ratio; expected a baseline."),
+            )
+        ),
     ],
 )
 def test_another_baseline_is_refused_before_any_time_is_spent(
@@ -134,6 +149,17 @@ def test_no_run_at_all_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
         command.main(["--times", "0"])
     assert end.value.code == 2
     assert "--times: 0; expected 1 or more" in capsys.readouterr().err
+
+
+def test_a_trial_does_not_become_the_baseline(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "measured", lambda folder, sizes: pytest.fail("time was spent"))
+    with pytest.raises(SystemExit) as end:
+        command.main(["--short", "--bless"])
+    assert end.value.code == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "--bless: --short would put a trial in place of the baseline; expected one of" in said
 
 
 def test_a_command_that_fails_is_told(

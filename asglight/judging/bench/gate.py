@@ -38,6 +38,9 @@ and the same noise left it below 1.08 for one fit alone."""
 TIME_RATIO_MAX = 1.5
 """Seconds of two methods that take turns: a shared machine moves their ratio by a fifth or so."""
 
+FACTS = ("rows", "columns", "frames", "mean_radiance")
+"""What tells an input from another one of its name."""
+
 LIGHT_TOLERANCE = 0.01
 """Relative. Two maps of one name whose mean radiance differs by more are not the same map."""
 
@@ -101,7 +104,21 @@ def read_baseline(path: Path) -> dict[str, Any]:
         raise InputError(
             f"{shown(path)}: is no baseline of this version; expected one that --baseline wrote."
         )
+    inputs = found.get("inputs")
+    if not isinstance(inputs, dict) or not all(map(_is_whole, inputs.values())):
+        raise InputError(
+            f"{shown(path)}: is a baseline with a part missing or damaged; expected inputs with "
+            "numbers. Write it anew with --baseline."
+        )
     return found
+
+
+def _is_whole(known: object) -> bool:
+    """Tell whether a baseline holds all that it has to of an input, in numbers."""
+    if not isinstance(known, dict) or not isinstance(known.get("numbers"), dict):
+        return False
+    facts = [known.get(key) for key in FACTS]
+    return all(isinstance(value, int | float) for value in (*facts, *known["numbers"].values()))
 
 
 def check_asked(before: dict[str, Any], path: Path, asked: dict[str, Any]) -> None:

@@ -174,6 +174,12 @@ def test_more_than_the_baseline_has_is_measured_without_complaint(
         ("[]", "is no baseline of this version"),
         ('{"asglight_bench": 1}', "is no baseline of this version"),
         ('{"asglight_bench_baseline": 2}', "is no baseline of this version"),
+        ('{"asglight_bench_baseline": 1}', "is a baseline with a part missing or damaged; exp"),
+        ('{"asglight_bench_baseline": 1, "inputs": []}', "is a baseline with a part missing"),
+        (
+            '{"asglight_bench_baseline": 1, "inputs": {"a": {}}}',
+            "is a baseline with a part missing",
+        ),
         ("\udcff", "is no JSON"),
         (None, "No such file or directory; expected a baseline. Write one with --baseline"),
     ],
@@ -185,6 +191,19 @@ def test_a_file_that_is_no_baseline_is_refused(
     if text is not None:
         path.write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises(InputError, match=message):
+        bench_gate.read_baseline(path)
+
+
+@pytest.mark.parametrize("key", ["rows", "columns", "frames", "mean_radiance", "numbers"])
+def test_a_baseline_whose_input_lacks_a_part_is_refused(
+    tmp_path: Path, before: dict[str, Any], key: str
+) -> None:
+    path = tmp_path / "b.json"
+    path.write_text(json.dumps(before))
+    assert bench_gate.read_baseline(path) == before
+    before["inputs"]["sky"][key] = None
+    path.write_text(json.dumps(before))
+    with pytest.raises(InputError, match="is a baseline with a part missing or damaged"):
         bench_gate.read_baseline(path)
 
 
