@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.results.blocks import blocks
 from soak import faults, fuzz, measure, scale
 from soak.batch import Outcome
 from soak.faults import Told
 from soak.fuzz import Found
 from soak.measure import Parts
 from tests.support.old_files import old_files
+from tests.support.places import ROOT
 
 
 def test_a_part_is_told_of_when_it_ends(capsys: pytest.CaptureFixture[str]) -> None:
@@ -54,3 +56,10 @@ def test_what_was_found_is_written_though_scale_failed(
     assert measure.main() == 1
     assert "| full disk | 7 |" in (tmp_path / "soak.md").read_text()
     assert "wrong: a 16k image: ended with 1\n" in capsys.readouterr().err
+
+
+def test_tables_of_the_page_have_the_columns_that_are_printed() -> None:
+    page = (ROOT / "docs" / "results" / "soak.md").read_text()
+    shown = [block.content.partition("\n")[0] for block in blocks(page)]
+    printed = (fuzz.as_table([]), faults.as_table([]), scale.as_table([]))
+    assert shown == [table.partition("\n")[0] for table in printed]
