@@ -86,7 +86,8 @@ def by_frames(frames: Sequence[Tensor], plan: Plan, follow: Follow) -> dict[str,
     """Follow a long sequence with `live`; return its seconds, and its error, at several lengths.
 
     Lengths count the frames that follow the first one. The frames turn about the vertical by one
-    texel each, exactly, so that all are equally hard and an error that grows is drift.
+    texel each, exactly, so that those of a still are equally hard and an error that grows is drift.
+    A still comes round after as many frames as it has columns.
     """
     counts, longest = plan.frame_counts, plan.frame_counts[-1]
     options = FitOptions(plan.lobes, Preset.LIVE)
