@@ -56,7 +56,7 @@ def page(tracks: LobeTracks, title: str, reference: Reference | None = None) -> 
     numbers = numbers_of(tracks, balls)
     template = Template((PARTS / "page.html").read_text(encoding="utf-8"))
     return template.substitute(
-        title=escape(title),
+        title=escape(title.encode("utf-8", "replace").decode()),  # half a surrogate pair is no text
         style=(PARTS / "page.css").read_text(encoding="utf-8"),
         script=(PARTS / "page.js").read_text(encoding="utf-8"),
         shot=_in_script(_document(numbers, title, reference)),

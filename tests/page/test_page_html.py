@@ -16,7 +16,7 @@ from usd_tracks import contents, moving
 from asglight.cli.main import main
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form
-from asglight.page.html import page, page_balls
+from asglight.page.html import page, page_balls, write_page
 from asglight.page.reference import Reference, _balls, _levels, _range
 from asglight.page.shaders import es_shader
 from asglight.shading.balls import ROUGHNESS, coverage
@@ -48,6 +48,11 @@ def test_what_a_stage_is_called_cannot_be_a_script() -> None:
     assert "<script>alert" not in text
     assert document(text)["title"] == name
     assert text.count("<script") == 3
+
+
+def test_a_title_that_is_no_text_is_written_with_question_marks(tmp_path: Path) -> None:
+    write_page(tmp_path / "shot.html", SHOT, "sky\udcff.usda")
+    assert "<title>sky?.usda</title>" in (tmp_path / "shot.html").read_text(encoding="utf-8")
 
 
 def test_light_beside_a_black_reference_has_no_number() -> None:
