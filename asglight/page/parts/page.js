@@ -45,6 +45,11 @@
     if (!gl.getExtension("EXT_color_buffer_float")) {
       throw new Error("This browser cannot draw 32-bit floats (EXT_color_buffer_float).");
     }
+    const wanted = 4 * BLOCK_FLOATS * Math.max(shot.sheetCount, shot.lobeCount + 1);
+    if (wanted > gl.getParameter(gl.MAX_UNIFORM_BLOCK_SIZE)) {
+      throw new Error(`${shot.lobeCount} lobes of form ${shot.form} are more than the graphics of ` +
+        "this browser shade at once. Fit the shot with fewer (--lobes).");
+    }
     const filters = gl.getExtension("OES_texture_float_linear") !== null;
     gl.bindVertexArray(gl.createVertexArray());
     const programs = {};
