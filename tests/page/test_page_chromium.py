@@ -295,26 +295,6 @@ def test_a_black_still_is_black_and_has_no_timeline(page: Page, tmp_path: Path) 
     )
 
 
-def test_a_browser_without_what_it_takes_is_told(page: Page, tmp_path: Path) -> None:
-    write_page(tmp_path / "shot.html", shot_of(Form.ASG), "shot")
-    broken = (tmp_path / "shot.html").read_text().replace("EXT_color_buffer_float", "EXT_none")
-    (tmp_path / "old.html").write_text(broken)
-    page.open(tmp_path / "old.html")
-    said = page.run("document.getElementById('trouble').textContent")
-    assert said == "This browser cannot draw 32-bit floats (EXT_none)."
-    assert not page.run("document.getElementById('trouble').hidden")
-
-
-def test_more_lobes_than_a_browser_shades_are_told_in_one_line(page: Page, tmp_path: Path) -> None:
-    write_page(tmp_path / "shot.html", moving(FRAMES[:1], 512, Form.FLAT), "shot")
-    page.open(tmp_path / "shot.html")
-    said = page.run("document.getElementById('trouble').textContent")
-    assert said == (
-        "512 lobes of form flat are more than the graphics of this browser shade at once. "
-        "Fit the shot with fewer (--lobes)."
-    )
-
-
 GREYS = (0.05, 0.1, 0.2, 0.4, 0.8)
 """Radiance of balls that a test puts in the place of rendered ones."""
 

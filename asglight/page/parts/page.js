@@ -38,8 +38,10 @@
 
   // ---- WebGL ------------------------------------------------------------------------------------
 
+  const drawing = document.createElement("canvas"); // one for all; what it shows is copied
+
   function startGraphics() {
-    const canvas = document.createElement("canvas");
+    const canvas = drawing;
     const gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("This browser has no WebGL 2, which the page draws with.");
     if (!gl.getExtension("EXT_color_buffer_float")) {
@@ -281,6 +283,7 @@
     Math.max(1, Math.round(canvas.parentElement.clientWidth * (window.devicePixelRatio || 1)));
 
   function draw() {
+    if (graphics.gl.isContextLost()) return; // what was drawn stays
     const width = pixels($("balls")), { cells, height } = arrangement(width);
     show(drawBalls(width, height, cells), $("balls"), width, height);
     const onMap = pixels($("map"));
@@ -530,6 +533,15 @@
         for (const one of $("map-choice").children) one.setAttribute("aria-pressed", one === button);
       });
     }
+    drawing.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault(); // else the browser never gives it back
+      trouble("The browser has taken the graphics away. The page draws again when they are back.");
+    });
+    drawing.addEventListener("webglcontextrestored", () => orTrouble(() => {
+      begin();
+      trouble("");
+      change(() => {});
+    }));
     window.onhashchange = () => change(() => { state.place = startPlace(); });
     window.onresize = () => change(labelBalls);
     document.onkeydown = (event) => {
@@ -549,17 +561,33 @@
   }
 
   let graphics;
-  try {
+
+  function begin() {
     graphics = startGraphics();
     graphics.albedo = albedoTexture();
+  }
+
+  function trouble(text) {
+    $("trouble").textContent = text;
+    $("trouble").hidden = text === "";
+  }
+
+  // Do something, and show on the page why it failed.
+  function orTrouble(how) {
+    try {
+      how();
+    } catch (error) {
+      trouble(error.message);
+      throw error;
+    }
+  }
+
+  orTrouble(() => {
+    begin();
     fillWords();
     labelBalls();
     listen();
     tell();
     draw();
-  } catch (error) {
-    $("trouble").textContent = error.message;
-    $("trouble").hidden = false;
-    throw error;
-  }
+  });
 })();
