@@ -8,7 +8,7 @@ its keys take becomes lobes (`asglight.keys.lobes`).
 Symbols: F frames, K keys.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from asglight.images import Sequence
+from asglight.images import LatlongImage, Sequence
 from asglight.keys import following, report, texture
 from asglight.keys.cut import ROWS, FrameCut, Wanted, frame_cut, light_of, parts
 from asglight.keys.following import Sighting, Track
@@ -53,6 +53,10 @@ def in_silence(items: Iterable[_Item], label: str, count: int) -> Iterator[_Item
     yield from items
 
 
+def any_image(frame: int, image: LatlongImage) -> None:
+    """Take an image as it is."""
+
+
 def following_events(on_progress: OnProgress) -> Follow:
     """Return what tells the caller of a shot how far its keys are."""
 
@@ -72,11 +76,13 @@ class Keying:
         sequence: Its images, as large as its rest shall be.
         options: How many keys, and as what.
         follow: Shows how far it is.
+        check: Called with each frame and its image before anything is cut; it may refuse them.
     """
 
     sequence: Sequence
     options: KeyOptions
     follow: Follow = field(default=in_silence)
+    check: Callable[[int, LatlongImage], None] = field(default=any_image)
 
     def write(self, tracks: LobeTracks, folder: Path, stem: str, space: Space) -> WrittenKeys:
         """Find the keys, write the images of their rest and of their textures.
@@ -93,7 +99,7 @@ class Keying:
         count = len(tracks.frames)
         with one_thread():
             seen = [
-                sightings(_small(self._radiance(frame)))
+                self._sightings(frame)
                 for frame in self.follow(tracks.frames, "looking for lamps", count)
             ]
             lamps = following.keys(seen, self.options.count)
@@ -102,6 +108,11 @@ class Keying:
             for place, frame in enumerate(self.follow(tracks.frames, "cutting keys", count)):
                 shot.cut(place, self._radiance(frame), target)
         return shot.written()
+
+    def _sightings(self, frame: int) -> list[Sighting]:
+        image = self.sequence.read_or_fill(frame)
+        self.check(frame, image)
+        return sightings(_small(image.radiance))
 
     def _radiance(self, frame: int) -> Tensor:
         return self.sequence.read_or_fill(frame).radiance

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from asglight.cli.commands.evaluate import check_frames
 from asglight.cli.options.key_options import with_keys
+from asglight.cli.sources.same_light import SameLight
 from asglight.images import open_sequence
 from asglight.images.options import ReadOptions
 from asglight.usd.options import KeyOptions, StageOptions
@@ -48,10 +49,11 @@ def cut_keys(
         InputError: The images are not those of the stage, or something cannot be read or written.
     """
     from asglight.shots.keying import Keying
-    from asglight.usd import read_usd, write_usd
+    from asglight.usd import read_stage, write_usd
     from asglight.usd.read.read_options import read_options
 
-    tracks, options = read_usd(stage), read_options(stage)
+    read, options = read_stage(stage), read_options(stage)
+    tracks = read.tracks
     asked = cutting.representations
     chosen = {} if asked is None else {"representations": asked}
     options = replace(options, **with_keys(chosen, cutting.keys, options.representations))
@@ -62,5 +64,6 @@ def cut_keys(
         reading=cutting.reading,
     )
     check_frames(sequence, tracks.frames, cutting.reference, stage, ALL_FRAMES)
-    keying = Keying(sequence, cutting.keys, report.follow)
+    check = SameLight(stage, read, cutting.reference, report)
+    keying = Keying(sequence, cutting.keys, report.follow, check)
     return write_usd(tracks, output, **vars(options), keys=keying), options, tracks.frames
