@@ -172,10 +172,12 @@ def _represent(arguments: argparse.Namespace) -> int:
             f"frames: {shown(arguments.frames)} with --to {arguments.to}, which is of all frames; "
             "expected none."
         )
+    from asglight.shots.kept.checkpoint import alone
     from asglight.usd import add_representations
     from asglight.usd.read.read_options import read_options as stage_options
 
-    report = add_representations(arguments.stage, [arguments.to], arguments.output)
+    with alone(arguments.output or arguments.stage):
+        report = add_representations(arguments.stage, [arguments.to], arguments.output)
     target = report.files[0]
     held = ", ".join(stage_options(target).representations)
     count = counted(len(report.files) - 1, "image")

@@ -31,6 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Read an array, write the stage and say what it is."""
     from asglight.export import read_sg_array
     from asglight.images.message import shown
+    from asglight.shots.kept.checkpoint import alone
     from asglight.usd import write_usd
 
     layout = SgLayout(arguments.layout)
@@ -39,7 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     source = {"asglight": __version__, "source": shown(arguments.array), "layout": str(layout)}
     tracks = replace(read, metadata=source)
-    written = write_usd(tracks, arguments.output, **given_stage_options(arguments))
+    with alone(arguments.output):
+        written = write_usd(tracks, arguments.output, **given_stage_options(arguments))
     if arguments.json:
         print_json(
             {

@@ -54,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Read a stage, take its light at other times, write it and say what it is."""
     from asglight.lobes.resampling import resampled, resampled_times
     from asglight.shots.conditioning import with_condition
+    from asglight.shots.kept.checkpoint import alone
     from asglight.shots.keyed.sources import resampled_keys
     from asglight.usd import read_stage, write_usd
     from asglight.usd.options import Representation
@@ -81,7 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
         times = resampled_times(old, arguments.fps, arguments.speed, span)
         told = old.metadata["keys"]
         keys = resampled_keys(arguments.stage, arguments.rig, new, times, told)
-    written = write_usd(new, arguments.output, **vars(options), keys=keys)
+    with alone(arguments.output):
+        written = write_usd(new, arguments.output, **vars(options), keys=keys)
     document = as_document(new, written, arguments.output, reading.changes)
     if arguments.json:
         print_json(document)

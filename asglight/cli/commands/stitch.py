@@ -15,6 +15,7 @@ from asglight.cli.options.stage_options import OUTPUT, add_stage_options, given_
 from asglight.cli.printing import counted, frame_range, print_json, size
 from asglight.errors import InputError
 from asglight.images.message import shown
+from asglight.shots.kept.checkpoint import alone
 from asglight.shots.parts.joining import Joined, join
 
 EXAMPLE = (
@@ -42,7 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Read the parts, write the shot, and say what was written."""
     files = part_files(arguments.parts)
     check_apart(arguments.output, files)
-    joined = join(files, arguments.output, given_stage_options(arguments))
+    with alone(arguments.output):
+        joined = join(files, arguments.output, given_stage_options(arguments))
     document = as_document(joined, arguments.output)
     if arguments.json:
         print_json(document)

@@ -46,8 +46,18 @@ def cut_keys(
         What was written, how, and the frames.
 
     Raises:
-        InputError: The images are not those of the stage, or something cannot be read or written.
+        InputError: The images are not those of the stage, or something cannot be read or written,
+            or a fit writes the stage.
     """
+    from asglight.shots.kept.checkpoint import alone
+
+    with alone(output):
+        return _cut(stage, output, cutting, report)
+
+
+def _cut(
+    stage: str, output: str, cutting: Cutting, report: "Reporter"
+) -> "tuple[WriteReport, StageOptions, tuple[int, ...]]":
     from asglight.shots.keying import Keying
     from asglight.usd import read_stage, write_usd
     from asglight.usd.read.read_options import read_options

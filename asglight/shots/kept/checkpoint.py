@@ -6,15 +6,17 @@ for each finished frame (records.py), every line forced to disk before the next 
 that is killed leaves at worst one line cut off, which the next run drops. Anything else that does
 not fit is refused: a checkpoint is either continued exactly or not at all.
 
-The open file is locked (flock), so a second run on the same output is refused; the system gives the
-lock back however the first run ends. The file is touched only when the first frame of a run is
-ready, so a run that fails before leaves an older checkpoint as it was.
+The open file is locked (flock), so a second run on the same output is refused, and so is any other
+command that would write it (`alone`); the system gives the lock back however the first run ends.
+The file is touched only when the first frame of a run is ready, so a run that fails before leaves
+an older checkpoint as it was.
 """
 
 import contextlib
 import errno
 import fcntl
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
@@ -80,10 +82,7 @@ class Checkpoint:
 
     def __exit__(self, *_: object) -> None:
         """Close the file; remove it when nothing was ever written to it."""
-        with contextlib.suppress(OSError):
-            if not self._stream.closed and os.fstat(self._stream.fileno()).st_size == 0:
-                self.path.unlink()
-        self._stream.close()
+        _close(self.path, self._stream)
 
     def append(self, record: FrameRecord) -> None:
         """Write a frame and wait until it is on disk.
@@ -207,6 +206,33 @@ def open_locked(path: Path) -> tuple[BinaryIO, bool]:
         stream.close()  # another run has finished and deleted it in between
 
 
+@contextlib.contextmanager
+def alone(output: str | Path) -> Iterator[None]:
+    """Keep every fit off an output while something else reads and writes it.
+
+    An older checkpoint stays. Where there is no place for one nothing is locked: nor can the output
+    be written there, and who tries says why.
+
+    Args:
+        output: The stage.
+
+    Raises:
+        BusyError: A fit writes it, or another command.
+    """
+    path = Path(f"{Path(output)}{SUFFIX}")
+    try:
+        stream, _ = open_locked(path)
+    except BusyError:
+        raise
+    except (InputError, ValueError):  # the latter of a name with a zero byte
+        yield
+        return
+    try:
+        yield
+    finally:
+        _close(path, stream)
+
+
 def delete(path: Path) -> None:
     """Delete a file of a run that has ended.
 
@@ -216,6 +242,14 @@ def delete(path: Path) -> None:
     """
     if path.exists():
         _delete(path, open_locked(path)[0])
+
+
+def _close(path: Path, stream: BinaryIO) -> None:
+    """Close a checkpoint; remove it where nothing was ever written to it."""
+    with contextlib.suppress(OSError):
+        if not stream.closed and os.fstat(stream.fileno()).st_size == 0:
+            path.unlink()
+    stream.close()
 
 
 def _delete(path: Path, stream: BinaryIO) -> None:
