@@ -14,6 +14,7 @@ from asglight.errors import InputError
 from asglight.fitting.options import FitOptions
 from asglight.images import open_sequence
 from asglight.images.message import shown
+from asglight.images.output import check_names_file
 from asglight.shots.parts.chunks import CHUNK, OVERLAP, Shot
 from asglight.shots.parts.joining import part_rows
 from asglight.usd.options import KeyOptions, StageOptions, check_key_options, without_keys
@@ -90,6 +91,8 @@ def shots_from(arguments: argparse.Namespace, options: FitOptions) -> list[Shot]
         )
     output, names = Path(arguments.output).absolute(), {}
     into_folder = len(arguments.input) > 1 or output.is_dir()
+    if not into_folder:
+        check_names_file(arguments.output)
     if into_folder and not output.is_dir():
         raise InputError(
             f"{shown(arguments.output)}: is no folder; expected one to write "

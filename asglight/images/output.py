@@ -11,6 +11,18 @@ from asglight.errors import InputError
 from asglight.images.message import shown
 
 
+def check_names_file(path: str | Path) -> None:
+    """Refuse the name of a folder, such as `shot.usda/`: as a path it would be that of a file.
+
+    Raises:
+        InputError: It ends with a slash.
+    """
+    if str(path).endswith(("/", os.sep)):
+        raise InputError(
+            f"{shown(path)}: names a folder; expected a file to write. Leave out the last slash."
+        )
+
+
 @contextlib.contextmanager
 def written_beside(path: Path) -> Iterator[Path]:
     """Give a place for a file in its target's folder; rename it to the target at the end.

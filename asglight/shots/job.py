@@ -20,6 +20,7 @@ from asglight.images import Sequence, ocio, open_sequence
 from asglight.images.account import read_as, warning_lines
 from asglight.images.message import shown
 from asglight.images.options import LOST_MAX, Eye, ReadOptions
+from asglight.images.output import check_names_file
 from asglight.images.sequence import Missing
 from asglight.lobes import Form, LobeTracks
 from asglight.lobes.data import check_frames
@@ -122,6 +123,7 @@ def fit_shot(
     Raises:
         InputError: The input, a setting or the output cannot be used; or another run writes it.
     """
+    check_names_file(output)
     output = Path(output)
     _check(options, fps, output, stage, keys)
     earlier = _named_stage(output, names_from)

@@ -7,7 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from asglight.cli.frames import chosen_frames, warn_of_unread
-from asglight.cli.options.parser import add_follow_option, add_reading_options, add_rig_option
+from asglight.cli.options.parser import (
+    add_follow_option,
+    add_reading_options,
+    add_rig_option,
+    file_name,
+)
 from asglight.cli.options.reading import given, read_options
 from asglight.cli.printing import counted, frame_range, size
 from asglight.errors import InputError
@@ -50,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = ("json", "glsl", GLTF, HTML, *map(str, SgLayout), *map(str, OF_LOBES))
     add("--to", required=True, choices=kinds, help=formats)
     target = "file to write; of a representation a stage (default: STAGE itself)"
-    add("-o", "--output", type=Path, metavar="FILE", help=target)
+    add("-o", "--output", type=lambda text: Path(file_name(text)), metavar="FILE", help=target)
     frames = (
         "frames, such as 1001 or 1001-1048 (default: all); glsl of one frame has the lobes as "
         "constants, of several as a uniform block that FILE with the suffix .f32 fills"

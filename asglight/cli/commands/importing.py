@@ -5,7 +5,7 @@ import argparse
 from dataclasses import replace
 
 from asglight import __version__
-from asglight.cli.options.parser import add_json_option, frame_rate
+from asglight.cli.options.parser import add_json_option, file_name, frame_rate
 from asglight.cli.options.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.cli.printing import counted, frame_range, print_json, size
 from asglight.export import SgLayout
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("array", metavar="ARRAY", help="a .npy file of shape [N, 7], or [F, N, 7] of F frames")
     layout = "the program whose array it is: the order of its numbers and its axes"
     add("--from", dest="layout", required=True, choices=[*map(str, SgLayout)], help=layout)
-    add("-o", "--output", required=True, metavar="STAGE", help=OUTPUT)
+    add("-o", "--output", type=file_name, required=True, metavar="STAGE", help=OUTPUT)
     first = "number of the first frame; the others follow (default: 1)"
     add("--first-frame", type=int, default=1, metavar="FRAME", help=first)
     add("--fps", type=frame_rate, default=24.0, help="frames per second (default: 24)")

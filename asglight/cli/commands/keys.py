@@ -10,7 +10,12 @@ from asglight.cli.options.key_options import (
     key_lines,
     key_options,
 )
-from asglight.cli.options.parser import add_follow_option, add_json_option, add_reading_options
+from asglight.cli.options.parser import (
+    add_follow_option,
+    add_json_option,
+    add_reading_options,
+    file_name,
+)
 from asglight.cli.options.reading import read_options as images_read
 from asglight.cli.options.stage_options import OUTPUT
 from asglight.cli.printing import counted, frame_range, print_json, size
@@ -30,7 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("stage", metavar="STAGE", help="a stage that asglight has written")
     images = "the images that it was fitted to: file, folder or pattern"
     parser.add_argument("--reference", required=True, metavar="INPUT", help=images)
-    parser.add_argument("-o", "--output", metavar="STAGE", help=f"{OUTPUT} (default: STAGE itself)")
+    target = f"{OUTPUT} (default: STAGE itself)"
+    parser.add_argument("-o", "--output", type=file_name, metavar="STAGE", help=target)
     held = "what the stage holds then, such as keys or cards,keys (default: keys, and what it has)"
     parser.add_argument("--representations", type=parse_representations, metavar="LIST", help=held)
     add_key_options(parser, usual=AUTO)

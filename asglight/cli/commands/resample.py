@@ -14,6 +14,7 @@ from asglight.cli.options.parser import (
     add_follow_option,
     add_json_option,
     add_rig_option,
+    file_name,
     frame_rate,
 )
 from asglight.cli.options.stage_options import OUTPUT, add_stage_options, given_stage_options
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("stage", metavar="STAGE", help="a stage that asglight has written")
     output = f"{OUTPUT}; another than STAGE"
-    add("-o", "--output", required=True, metavar="STAGE", help=output)
+    add("-o", "--output", type=file_name, required=True, metavar="STAGE", help=output)
     rate = "new frames per second, such as 60 or 60000/1001 (default: as STAGE)"
     add("--fps", type=frame_rate, help=rate)
     speed = "how fast the light moves: 0.5 takes twice the time (default: %(default)g)"

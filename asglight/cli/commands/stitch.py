@@ -10,7 +10,7 @@ from typing import Any
 
 from asglight.cli.commands.info import part_lines
 from asglight.cli.options.key_options import key_lines
-from asglight.cli.options.parser import add_follow_option, add_json_option
+from asglight.cli.options.parser import add_follow_option, add_json_option, file_name
 from asglight.cli.options.stage_options import OUTPUT, add_stage_options, given_stage_options
 from asglight.cli.printing import counted, frame_range, print_json, size
 from asglight.errors import InputError
@@ -33,7 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parts = "stages of the parts, in any order, or patterns such as part.*.usdc"
     parser.add_argument("parts", nargs="+", metavar="STAGE", help=parts)
     output = f"{OUTPUT}; none of the parts"
-    parser.add_argument("-o", "--output", required=True, metavar="STAGE", help=output)
+    parser.add_argument(
+        "-o", "--output", type=file_name, required=True, metavar="STAGE", help=output
+    )
     add_stage_options(parser, kept="as of the first part")
     add_follow_option(parser)
     add_json_option(parser)

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any, NoReturn, get_args
 
+from asglight.errors import InputError
 from asglight.images.options import LOST_MAX, Eye
+from asglight.images.output import check_names_file
 
 NEAR = 0.7
 """Likeness of a name that is asked after: one letter more, less or other of six."""
@@ -143,6 +145,15 @@ def frame_rate(text: str) -> float:
         raise argparse.ArgumentTypeError(
             f"{text!r} is no frame rate; expected a number such as 24, 23.976 or 24000/1001"
         ) from None
+
+
+def file_name(text: str) -> str:
+    """Take the name of a file to write."""
+    try:
+        check_names_file(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error).removesuffix(".")) from None
+    return text
 
 
 def step_pair(text: str) -> tuple[int, int]:
