@@ -2,6 +2,7 @@
 """An MP4 that is written picture by picture, by the ffmpeg that imageio-ffmpeg brings along."""
 
 import contextlib
+import re
 import subprocess
 import tempfile
 from pathlib import Path
@@ -25,6 +26,9 @@ _COLOURS = (
 _FRONT = ("-movflags", "+faststart")
 """The index comes before the pictures: players begin before they have all of the file."""
 
+_PART = re.compile(r"^\[[^]]*\] *")
+"""What ffmpeg begins a line with: which part of it speaks, and where that is in memory."""
+
 _APART = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) | getattr(
     subprocess, "CREATE_NO_WINDOW", 0
 )
@@ -43,28 +47,31 @@ class Film:
             fps: Pictures a second.
 
         Raises:
-            InputError: There is no such folder.
+            InputError: There is no such folder, or nothing can be written there.
         """
         if not path.parent.is_dir():
             raise InputError(
                 f"{shown(path)}: cannot be written (no folder {shown(path.parent)}); expected a "
                 "folder that is there. Check the output path."
             )
-        self._held = contextlib.ExitStack()
-        place = self._held.enter_context(written_beside(path))
-        self._said = self._held.enter_context(tempfile.TemporaryFile())  # noqa: SIM115  it is
+        self._name = path.name
         columns, rows = size
         raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{columns}x{rows}")
         coded = ("-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", QUALITY, *_COLOURS)
         program = (imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error")
-        self._process = subprocess.Popen(
-            [*program, *raw, "-r", f"{fps:.6g}", "-i", "-", *coded, *_FRONT, str(place)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=self._said,
-            start_new_session=True,
-            creationflags=_APART,
-        )
+        with contextlib.ExitStack() as held:
+            self._place = held.enter_context(written_beside(path))
+            self._place.touch()  # what forbids that is told in a word here, and not by ffmpeg
+            self._said = held.enter_context(tempfile.TemporaryFile())
+            self._process = subprocess.Popen(
+                [*program, *raw, "-r", f"{fps:.6g}", "-i", "-", *coded, *_FRONT, str(self._place)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=self._said,
+                start_new_session=True,
+                creationflags=_APART,
+            )
+            self._held = held.pop_all()
         self._has_ended = False
 
     def add(self, pixels: np.ndarray) -> None:
@@ -103,8 +110,9 @@ class Film:
             raise
         if isinstance(error, OSError) or (error is None and status != 0):
             self._said.seek(0)
-            lines = self._said.read().decode(errors="replace").split("\n")
-            error = OSError(f"ffmpeg: {shown(lines[0].strip() or f'ended with status {status}')}")
+            said = self._said.read().decode(errors="replace").strip().split("\n")[0]
+            said = _PART.sub("", said).replace(str(self._place), self._name)
+            error = OSError(f"ffmpeg: {shown(said or f'ended with status {status}')}")
         if error is None:
             self._held.close()
         else:

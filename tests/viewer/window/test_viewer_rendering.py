@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Balls over time as files: PNG, EXR and MP4, by frames and as a turntable, off screen."""
 
+import os
 import re
 import subprocess
 from pathlib import Path
@@ -234,6 +235,30 @@ def test_a_film_that_cannot_be_written_is_told_and_the_old_one_stays(
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("out.mp4", b"the old one")]
+
+
+def test_a_film_where_no_file_can_be_made_is_refused_before_it_is_drawn(tmp_path: Path) -> None:
+    folder = tmp_path / "shut"
+    folder.mkdir()
+    folder.chmod(0o555)
+    if os.access(folder, os.W_OK):  # root
+        folder = Path("/proc")  # where nobody may make one
+    with pytest.raises(InputError) as caught:
+        Film(folder / "out.mp4", SIZE, 24.0)
+    finding, _, expected = str(caught.value).partition("; ")
+    assert re.fullmatch(r"\S*/out\.mp4: cannot be written \([A-Z][a-z ]+\)", finding)
+    assert expected.startswith("expected a folder with room and the permission to write.")
+
+
+def test_what_ffmpeg_says_names_no_file_that_is_hidden(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Path, "touch", Path.mkdir)  # which ffmpeg cannot open as a file
+    film = Film(tmp_path / "out.mp4", SIZE, 24.0)
+    with pytest.raises(
+        InputError, match=r"\(ffmpeg: Error opening output out.mp4: Is a directory\)"
+    ):
+        film.close(is_whole=True)
 
 
 @pytest.mark.parametrize(
