@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     effort.add_argument("--full", action="store_true", help=full)
     add("--baseline", metavar="FILE", help="write what a later --gate compares with")
     add("--gate", metavar="FILE", help="compare with a baseline; exit with 3 where this is worse")
-    followed = "the first 24 of them are followed; with --quick 8, with --full all"
+    followed = "default: the first 24, with --quick 8, with --full all"
     add_input_options(parser, followed)
     add_json_option(parser)
 
@@ -131,6 +131,8 @@ def gate_for(path: str | None, plan: Plan) -> dict[str, Any] | None:
 def opened(path: str, arguments: argparse.Namespace, plan: Plan, report: Reporter) -> "Input":
     """Read an input: its first frame as finely as it comes, all that is followed at 256 rows.
 
+    Frames that were asked for are followed; without a choice, as many as the effort has.
+
     Raises:
         InputError: It cannot be read, or a frame has no light in it.
     """
@@ -138,7 +140,8 @@ def opened(path: str, arguments: argparse.Namespace, plan: Plan, report: Reporte
 
     sequence = open_input(path, arguments)
     finest = open_input(path, arguments, max(plan.widths) // 2)
-    frames = sequence.frames[: plan.frames]
+    is_chosen = arguments.frames is not None or sequence.source.asked is not None
+    frames = sequence.frames if is_chosen else sequence.frames[: plan.frames]
     read = report.follow(frames, f"reading {sequence.name}", len(frames))
     references = [lit(sequence, frame) for frame in read]
     source = finest.read(frames[0]).radiance

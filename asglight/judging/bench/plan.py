@@ -61,7 +61,8 @@ class Plan:
             their times.
         crowd: Those lobes.
         repeats: Times that a point of the scaling is timed; the least counts.
-        frames: Frames of a sequence that are followed, from the first on; None for all.
+        frames: Frames of a sequence that are followed, from the first on, where nobody chose any;
+            None for all.
         widths: Columns of the maps of the scaling with texels.
         frame_counts: Lengths of the scaling with frames.
     """

@@ -112,6 +112,16 @@ def test_a_sequence_is_read_as_far_as_it_is_followed(
     assert len(measured[0].references) == 8
 
 
+def test_frames_that_were_asked_for_are_followed_at_every_effort(
+    shot: Path, tmp_path: Path, measured: list[bench.Input]
+) -> None:
+    words = ["-o", str(tmp_path / "out"), "--quick"]
+    assert main(["bench", str(shot), *words, "--frames", "1-10"]) == 0
+    assert main(["bench", str(shot / "shot.2-10#.exr"), *words]) == 0
+    assert [given.frames for given in measured] == [tuple(range(1, 11)), tuple(range(2, 11))]
+    assert len(measured[0].references) == 10
+
+
 def test_the_scaling_starts_from_the_map_as_its_file_has_it(
     tmp_path: Path, measured: list[bench.Input]
 ) -> None:
