@@ -29,7 +29,20 @@ def is_subsampled(path: Path) -> bool:
         reader.close()
         return False
     with contextlib.suppress(UnicodeDecodeError):
-        return "Subsampled channels" in OpenImageIO.geterror()
+        if "Subsampled channels" in OpenImageIO.geterror():
+            return True
+    # of a name that does not end as OpenEXR's it says only that no reader takes the file
+    return path.suffix.lower() != ".exr" and _has_subsampled(path)
+
+
+def _has_subsampled(path: Path) -> bool:
+    """Tell whether an OpenEXR file has subsampled channels; False of one with a damaged header."""
+    import OpenEXR  # seldom wanted
+
+    with contextlib.suppress(RuntimeError, ValueError, TypeError):
+        parts = OpenEXR.File(str(path), separate_channels=True, header_only=True).parts
+        channels = [one for part in parts for one in part.header["channels"]]
+        return any((one.xSampling, one.ySampling) != (1, 1) for one in channels)
     return False
 
 

@@ -290,6 +290,10 @@ def test_subsampled_chroma_is_interpolated_around_the_sphere(tmp_path: Path) -> 
     # what linear interpolation misses of cosines over 16 samples, and 3 % where blue is darkest
     np.testing.assert_allclose(found, values, rtol=0.03)
     np.testing.assert_allclose(found[::2, ::2], values[::2, ::2], rtol=1e-3)
+    for name in ("yc", "yc.hdr", "yc.1001"):  # a file is known by its content
+        other = path.rename(tmp_path / name)
+        np.testing.assert_array_equal(read_latlong(other).radiance, found)
+        path = other
 
 
 def test_a_frame_that_lost_its_statement_is_named(tmp_path: Path) -> None:
