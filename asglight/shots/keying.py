@@ -76,7 +76,7 @@ class Keying:
         sequence: Its images, as large as its rest shall be.
         options: How many keys, and as what.
         follow: Shows how far it is.
-        check: Called with each frame and its image before anything is cut; it may refuse them.
+        check: Called with each frame and its image before anything is cut.
     """
 
     sequence: Sequence

@@ -94,7 +94,8 @@ def lobe_rows(tracks: LobeTracks) -> list[dict[str, Any]]:
     """Describe each lobe over the shot.
 
     The direction is the mean weighted by flux, `moves_deg` the largest angle from it while the lobe
-    is lit, `flux_share` the mean over the frames that have light. Longitude and latitude are those of the latlong: 0 degrees is +Z, 90 degrees +X.
+    is lit, `flux_share` the mean over the frames that have light. Longitude and latitude are those
+    of the latlong: 0 degrees is +Z, 90 degrees +X.
     """
     lobes = tracks.lobes.to(torch.float64)
     flux = asg.flux(lobes).sum(-1)  # [F, N]

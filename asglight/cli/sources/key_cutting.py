@@ -46,8 +46,8 @@ def cut_keys(
         What was written, how, and the frames.
 
     Raises:
-        InputError: The images are not those of the stage, or something cannot be read or written,
-            or a fit writes the stage.
+        InputError: The images lack a frame, something cannot be read or written, or a fit writes
+            the stage.
     """
     from asglight.shots.kept.checkpoint import alone
 
@@ -59,11 +59,10 @@ def _cut(
     stage: str, output: str, cutting: Cutting, report: "Reporter"
 ) -> "tuple[WriteReport, StageOptions, tuple[int, ...]]":
     from asglight.shots.keying import Keying
-    from asglight.usd import read_stage, write_usd
+    from asglight.usd import read_usd, write_usd
     from asglight.usd.read.read_options import read_options
 
-    read, options = read_stage(stage), read_options(stage)
-    tracks = read.tracks
+    tracks, options = read_usd(stage), read_options(stage)
     asked = cutting.representations
     chosen = {} if asked is None else {"representations": asked}
     options = replace(options, **with_keys(chosen, cutting.keys, options.representations))
@@ -74,6 +73,6 @@ def _cut(
         reading=cutting.reading,
     )
     check_frames(sequence, tracks.frames, cutting.reference, stage, ALL_FRAMES)
-    check = SameLight(stage, read, cutting.reference, report)
+    check = SameLight(tracks, stage, cutting.reference, report)
     keying = Keying(sequence, cutting.keys, report.follow, check)
     return write_usd(tracks, output, **vars(options), keys=keying), options, tracks.frames

@@ -7,13 +7,10 @@ from pathlib import Path
 import pytest
 import torch
 from key_cases import Rectangle, with_lamps
-from pxr import Usd
-from usd_tracks import contents
 
 from asglight.cli.main import main
 from asglight.cli.sources.same_light import light_off
 from asglight.images import write_exr
-from asglight.usd.read.keys import read_keys
 
 ROWS = 32
 
@@ -42,41 +39,26 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "sky.usda"
 
 
-def test_images_of_another_shot_are_refused_and_the_stage_stays(fitted, tmp_path, capsys) -> None:
+def told(capsys) -> list[str]:
+    return [line for line in capsys.readouterr().err.splitlines() if "its light at" in line]
+
+
+def test_images_of_another_shot_are_told_of_once(fitted, tmp_path, capsys) -> None:
     stage = Path(shutil.copy(fitted, tmp_path))
     other = shot(tmp_path, "other", (1.5, 1.5, 1.5))
-    before = contents(tmp_path)
-    assert run("keys", stage, "--reference", other) == 2
-    error = capsys.readouterr().err.splitlines()[-1]
-    assert "other.#.exr: its light at frame 1 is " in error
-    assert "sky.usda; expected the images that these were fitted to, 1 % off at most." in error
-    assert contents(tmp_path) == before
+    assert run("keys", stage, "--reference", other) == 0
+    (line,) = told(capsys)
+    # a third of the channel that has most, over the mean of all
+    assert "other.#.exr: its light at frame 1 is 34.5 % off that of the lobes of" in line
+    assert line.endswith("sky.usda; are these the images that it was fitted to?")
 
 
-def test_other_colours_of_as_much_light_are_refused_too(fitted, tmp_path, capsys) -> None:
+def test_other_colours_of_as_much_light_are_told_of_too(fitted, tmp_path, capsys) -> None:
     stage = Path(shutil.copy(fitted, tmp_path))
     flux = (with_lamps(ROWS, Rectangle(30, 20, 10, 24, 18), rays=2)).sum((0, 1))
     tinted = shot(tmp_path, "tinted", (1.1, 1.0, 1 - 0.1 * float(flux[0] / flux[2])))
-    assert run("keys", stage, "--reference", tinted) == 2
-    assert "its light at frame 1 is " in capsys.readouterr().err
-
-
-def test_lobes_that_were_edited_may_have_another_light_and_it_is_told(
-    fitted, tmp_path, capsys
-) -> None:
-    stage = Path(shutil.copy(fitted, tmp_path))
-    opened = Usd.Stage.Open(str(stage))
-    lights = [one for one in opened.Traverse() if one.HasAttribute("inputs:exposure")]
-    for light in lights:
-        light.GetAttribute("inputs:exposure").Set(1.0)
-    opened.Save()
-    target = tmp_path / "keyed.usda"
-    assert run("keys", stage, "--reference", fitted.with_name("sky.#.exr"), "-o", target) == 0
-    [told] = [line for line in capsys.readouterr().err.splitlines() if "its light at" in line]
-    assert told.endswith(
-        "of the lobes of " + str(stage) + ", which were edited; are these its images?"
-    )
-    assert read_keys(target) is not None
+    assert run("keys", stage, "--reference", tinted) == 0
+    assert len(told(capsys)) == 1
 
 
 @pytest.mark.parametrize(
@@ -85,7 +67,6 @@ def test_lobes_that_were_edited_may_have_another_light_and_it_is_told(
         ("--preset", "live", "--lobes", "3"),
         ("--preset", "live", "--tolerance", "0.3"),
         ("--preset", "live", "--form", "sg", "--lobes", "1"),
-        ("--preset", "paper", "--lobes", "2", "--paper-steps", "30,5"),  # far off, and says so
     ],
 )
 def test_nothing_is_said_of_the_images_that_were_fitted(fitted, tmp_path, capsys, words) -> None:
@@ -95,29 +76,17 @@ def test_nothing_is_said_of_the_images_that_were_fitted(fitted, tmp_path, capsys
     assert "its light at" not in capsys.readouterr().err
 
 
-def test_a_frame_that_others_stood_in_for_is_told_where_its_image_is_there(
-    fitted, tmp_path, capsys
-) -> None:
-    shot(tmp_path, "sky")
-    whole = (tmp_path / "sky.2.exr").read_bytes()
-    (tmp_path / "sky.2.exr").write_bytes(whole[:200])
-    words = ["--preset", "live", "--lobes", "2", "--missing", "hold"]
-    images, stage = tmp_path / "sky.#.exr", tmp_path / "sky.usda"
-    assert run("fit", images, "-o", stage, *words) == 0
-    assert run("keys", stage, "--reference", images, "-o", tmp_path / "held.usda") == 0
-    assert "its light at" not in capsys.readouterr().err
-    shot(tmp_path, "sky", (2.0, 2.0, 2.0))
+def test_a_frame_that_others_stand_in_for_is_not_compared(fitted, tmp_path, capsys) -> None:
+    stage = Path(shutil.copy(fitted, tmp_path))
     shutil.copy(fitted.with_name("sky.1.exr"), tmp_path)
-    assert run("keys", stage, "--reference", images, "-o", tmp_path / "there.usda") == 0
-    assert "sky.usda, which were filled in there; are these" in capsys.readouterr().err
+    (tmp_path / "sky.2.exr").write_bytes(b"cut short")
+    assert run("keys", stage, "--reference", tmp_path / "sky.#.exr") == 0
+    assert told(capsys) == []
 
 
-def test_light_is_compared_channel_by_channel_or_with_what_the_fit_states() -> None:
+def test_light_is_compared_channel_by_channel() -> None:
     image = torch.tensor([1.0, 2.0, 3.0], dtype=torch.float64)
-    assert light_off(image, image, 0.0) == 0
-    assert light_off(image * torch.tensor([1, 1, 1.1]), image, 0.0) == pytest.approx(0.15)
-    half = torch.tensor([0.0, 1.0, 2.0], dtype=torch.float64)
-    assert light_off(half, image, -0.5) == 0
-    assert light_off(half, 2 * image, -0.5) == pytest.approx(0.5)
-    assert light_off(image, 0 * image, 0.0) == float("inf")
-    assert light_off(0 * image, 0 * image, 0.0) == 0
+    assert light_off(image, image) == 0
+    assert light_off(image * torch.tensor([1, 1, 1.1]), image) == pytest.approx(0.15)
+    assert light_off(image, 0 * image) == float("inf")
+    assert light_off(0 * image, 0 * image) == 0
