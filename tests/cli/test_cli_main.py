@@ -56,7 +56,7 @@ def test_the_help_of_fit_states_defaults_and_units(capsys: pytest.CaptureFixture
     [
         ("fit", "(default: all)"),
         ("compare", "(default: the first)"),
-        ("bench", "(the first 24 of them are followed; with --quick 8, with --full all)"),
+        ("bench", "(default: the first 24, with --quick 8, with --full all)"),
         ("figures lobes", "(the first)"),
         ("figures time", "(default: the first 16)"),
     ],
