@@ -157,6 +157,7 @@ def _loading_usd(on_progress: OnProgress, earlier: Earlier) -> OnProgress:
     """
 
     def told(event: Event) -> None:
+        """Tell the caller first."""
         on_progress(event)
         if isinstance(event, FrameDone):
             # not in a thread beside the fit: pxr that loads while another library does can lock up

@@ -7,16 +7,15 @@ output, progress to standard error. Maps finer than 256 x 512 are averaged down 
 """
 
 import argparse
-import contextlib
-import json
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
 
+from asglight.cli.folders import made_folder, write_json
 from asglight.cli.options.parser import Parser, one_line
 from asglight.cli.progress import reporter
 from asglight.errors import InputError
@@ -133,8 +132,7 @@ def run(options: argparse.Namespace) -> None:
         maps = maps[:QUICK_MAPS]
         paper_steps = min(paper_steps, QUICK_PAPER_STEPS)
         frames = min(frames or QUICK_FRAMES, QUICK_FRAMES)
-    with _writing(options.output):
-        options.output.mkdir(parents=True, exist_ok=True)
+    made_folder(options.output)
     torch.set_num_threads(options.threads)
     result: dict[str, Any] = {
         "machine": machine(),
@@ -148,7 +146,7 @@ def run(options: argparse.Namespace) -> None:
     with reporter() as report:
         result["accuracy"] = fit_measures.accuracy(maps, options.lobes, report)
         fit_figures.draw_accuracy(options.output / "accuracy.png", result)
-        _write_json(options.output / "fit.json", result)
+        write_json(options.output / "fit.json", result)
         result["following"] = {
             sequence.name: fit_following.following(
                 sequence,
@@ -161,13 +159,13 @@ def run(options: argparse.Namespace) -> None:
             for sequence in sequences
         }
         fit_figures.draw_following(options.output / "following.png", result)
-        _write_json(options.output / "fit.json", result)
+        write_json(options.output / "fit.json", result)
         result["curves"] = {
             path.stem: fit_measures.curves(path, options.lobes, paper_steps, report)
             for path in drawn
         }
         fit_figures.draw_curves(options.output / "curves.png", result)
-        _write_json(options.output / "fit.json", result)
+        write_json(options.output / "fit.json", result)
     print(fit_tables.tables(result))
 
 
@@ -185,7 +183,7 @@ def _leave_out(
         )
     del result["lobes"]  # which the tolerance finds
     result["leaving_out"] = {"tolerance": options.tolerance, "inputs": found}
-    _write_json(options.output / "fit.json", result)
+    write_json(options.output / "fit.json", result)
     print(fit_tables.markdown(fit_leaving_out.HEADER, fit_leaving_out.table_rows(found)))
     print(f"\n{fit_leaving_out.note(options.tolerance)}")
 
@@ -236,24 +234,6 @@ def _entries(folder: Path, option: str) -> list[Path]:
         raise InputError(
             f"{shown(folder)}: {error.strerror}; expected a folder. Give --{option} another one."
         ) from error
-
-
-@contextlib.contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Turn what the disk refuses into the user's error."""
-    try:
-        yield
-    except OSError as error:
-        raise InputError(
-            f"{shown(path)}: {error.strerror}; expected a folder that can be written."
-        ) from error
-
-
-def _write_json(path: Path, result: dict[str, Any]) -> None:
-    beside = path.with_suffix(".json.part")
-    with _writing(path):
-        beside.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
-        beside.replace(path)
 
 
 if __name__ == "__main__":

@@ -127,6 +127,14 @@ def running(tracks: LobeTracks, stage: Path, kept: Path) -> Documents:
     return Documents(session, lambda _: None, kept)
 
 
+def with_lobes(tracks: LobeTracks, stage: Path, kept: Path) -> Documents:
+    """Return a fit that is watched, when its lobes have come."""
+    documents = running(tracks, stage, kept)
+    documents.session.update()
+    documents.update()
+    return documents
+
+
 def ended(documents: Documents) -> None:
     """Let a program end without a word of the user, after what it keeps is kept."""
     documents.update()
@@ -137,9 +145,7 @@ def test_edits_of_a_running_fit_are_offered_when_its_first_lobes_come(
     two_lamps: LobeTracks, tmp_path: Path
 ) -> None:
     kept, stage = tmp_path / "unsaved", tmp_path / "late.usda"
-    first = running(two_lamps, stage, kept)
-    first.session.update()
-    first.update()
+    first = with_lobes(two_lamps, stage, kept)
     first.state.toggle_mute(1)
     ended(first)
     closed = running(two_lamps, stage, kept)  # before any lobes came
@@ -164,17 +170,13 @@ def test_kept_edits_that_could_not_be_offered_outlive_those_of_other_lobes(
     kept, stage = tmp_path / "unsaved", tmp_path / "late.usda"
     ended_fit = replace(two_lamps, names=("lobe_07", "lobe_09"))
     for tracks in (two_lamps, ended_fit):
-        documents = running(tracks, stage, kept)
-        documents.session.update()
-        documents.update()
+        documents = with_lobes(tracks, stage, kept)
         assert documents.question is None
         documents.state.toggle_mute(0)
         ended(documents)
     assert len(list(kept.glob("*.json"))) == 2
     for tracks in (ended_fit, two_lamps):
-        documents = running(tracks, stage, kept)
-        documents.session.update()
-        documents.update()
+        documents = with_lobes(tracks, stage, kept)
         assert documents.question is not None
         dict(documents.question.answers)["Discard them"]()
         documents.question = None
@@ -184,9 +186,7 @@ def test_kept_edits_that_could_not_be_offered_outlive_those_of_other_lobes(
 
 def offered(tracks: LobeTracks, stage: Path, kept: Path) -> str:
     """Return what a window asks that is opened on tracks, and is ended again."""
-    documents = running(tracks, stage, kept)
-    documents.session.update()
-    documents.update()
+    documents = with_lobes(tracks, stage, kept)
     question = documents.question
     documents.close(is_wanted=False)
     return "" if question is None else question.text
@@ -201,9 +201,7 @@ def test_kept_edits_of_lights_that_have_changed_say_so(
     two_lamps: LobeTracks, tmp_path: Path
 ) -> None:
     kept, stage = tmp_path / "unsaved", tmp_path / "shot.usda"
-    documents = running(two_lamps, stage, kept)
-    documents.session.update()
-    documents.update()
+    documents = with_lobes(two_lamps, stage, kept)
     documents.state.toggle_mute(1)
     ended(documents)
     assert offered(two_lamps, stage, kept).endswith("They were kept.")
@@ -215,9 +213,7 @@ def test_edits_are_kept_of_the_lights_that_a_fit_has_gone_on_to(
     two_lamps: LobeTracks, tmp_path: Path
 ) -> None:
     kept, stage = tmp_path / "unsaved", tmp_path / "late.usda"
-    documents = running(two_lamps, stage, kept)
-    documents.session.update()
-    documents.update()
+    documents = with_lobes(two_lamps, stage, kept)
     documents.state.toggle_mute(1)
     documents.update()
     renamed = replace(brighter(two_lamps), names=("lobe_07", "lobe_09"))
