@@ -55,6 +55,9 @@ def matte(mask: Mask, luminance: Array, grid: Grid) -> Array:
 NEAREST = 1e-6
 """Chord at which a texel is one of the lamp's own."""
 
+DIMMEST = float(np.finfo(np.float32).tiny)
+"""Light that a lamp has at least here: one that is black for some frames keeps its own texels."""
+
 
 def shares(
     masks: Sequence[Mask], mattes: Sequence[Array], luminance: Array, grid: Grid
@@ -84,7 +87,7 @@ def shares(
         if matte[several].any():
             chord, _ = cKDTree(grid.directions[mask]).query(points)
             light = float((luminance[mask] * grid.solid_angle[mask]).sum())
-            row[:] = matte[several] * light / np.maximum(chord, NEAREST) ** 2
+            row[:] = matte[several] * max(light, DIMMEST) / np.maximum(chord, NEAREST) ** 2
     whole = np.minimum(sum(matte[several] for matte in mattes), 1)
     for row, share in zip(nearness / nearness.sum(0), found, strict=True):
         share[several] = whole * row

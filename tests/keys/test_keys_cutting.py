@@ -85,6 +85,23 @@ def test_lamps_have_their_own_texels_and_what_lies_between_by_their_light() -> N
     assert (first + second).max() < 1 + 1e-9
 
 
+@pytest.mark.parametrize("light", [0.0, 5.0])
+def test_a_lamp_that_is_black_for_a_while_within_the_matte_of_another_has_no_light(
+    light: float,
+) -> None:
+    # as where a lamp blinks on a black map beside a large one, which may be black too
+    rows = 256  # at which all of its matte lies within the other one
+    grid = Grid.of(rows, 2 * rows)
+    large = grid.directions @ [0.0, 0.0, 1.0] > np.cos(np.radians(35))
+    small = np.zeros_like(large)
+    small[rows // 2, np.flatnonzero(large[rows // 2])[-1] + 5] = True
+    radiance = torch.from_numpy(np.where(large, light, 0.0)).float()[..., None].repeat(1, 1, 3)
+    cut = frame_cut(radiance, [Wanted(small, 1.0), Wanted(large, 1.0)], [])
+    assert cut.keys[0] is None
+    found = parts(cut, radiance)
+    torch.testing.assert_close(found.flux.sum(0) + flux(found.rest), flux(radiance))
+
+
 def test_a_lamp_that_stays_keeps_nothing_of_a_key_beside_it() -> None:
     radiance = with_lamps(ROWS, Rectangle(0, 0, 0, 12, 8), Rectangle(17, 0, 0, 10, 8))
     key, other = masks(radiance)
