@@ -106,6 +106,15 @@ class Seen:
         """Return the mean of the light, weighted by itself."""
         return float((self.share * self.above**2 * self.solid_angle).sum()) / self.flux
 
+    @cached_property
+    def brightest(self) -> float:
+        """Return the radiance of the brightest texel that is the lamp's and not of one beside it.
+
+        At least the mean: what is between lamps may be brighter, and no floor is to be above it.
+        """
+        own = self.share >= self.share.max() / 2
+        return max(float(self.above[own].max()), self.mean)
+
     def light(self, floor: float = 0.0, high: float = math.inf) -> Array:
         """Return the flux of each texel that is the key's.  [P]."""
         above = np.clip(self.above - floor * self.mean, 0, high)
@@ -152,7 +161,7 @@ class Fit:
     def of(cls, lamp: Seen, floor: float, high: float, start: Card | None, total: float) -> "Fit":
         """Fit a card to what is between a floor and a level."""
         card = cards.fitted(lamp.patch, lamp.light(floor, high), start)
-        levels = LEVELS * (lamp.above.max() - floor * lamp.mean)
+        levels = LEVELS * (lamp.brightest - floor * lamp.mean)
         rows, light = [], []
         for level in levels:
             own = lamp.net(floor, level)

@@ -6,7 +6,7 @@ import pytest
 import torch
 from key_cases import Rectangle, sky, with_lamps
 
-from asglight.keys import cutting
+from asglight.keys import cutting, levels
 from asglight.keys.cut import FrameCut, Wanted, enlarged, frame_cut, light_of, parts
 from asglight.keys.report import rim_gradients
 from asglight.keys.sighting import sightings
@@ -192,6 +192,22 @@ def test_a_lamp_that_a_card_cannot_show_keeps_its_top_in_the_rest_within_the_goa
     assert errors["r0.25"] < 0.02
     assert errors["r0.5"] < 0.006
     assert errors["irr"] < 0.003
+
+
+def test_a_dim_lamp_is_cut_at_levels_of_its_own_and_not_of_a_bright_one_beside_it() -> None:
+    # a disc that no card shows well; else it would be whole, and nothing left to the bright one
+    grid = Grid.of(ROWS, 2 * ROWS)
+    disc = grid.directions @ [0.0, 0.0, 1.0] > np.cos(np.radians(30))
+    values = np.where(disc, 5.0, 0.0)
+    values[ROWS // 2, np.flatnonzero(disc[ROWS // 2])[-1] + 5] = 8000.0
+    radiance = torch.from_numpy(values).float()[..., None].repeat(1, 1, 3)
+    wanted = [Wanted(mask, 1.0) for mask in masks(radiance)]
+    assert len(wanted) == 2
+    cut = frame_cut(radiance, wanted, [])
+    light = parts(cut, radiance).flux[:, 0]
+    off = sum(key.apart * float(one) for key, one in zip(cut.keys, light, strict=True) if key)
+    assert off <= 1.01 * levels.GOALS[0] * float(flux(radiance)[0])
+    assert all(key is not None and key.carried > 0.1 for key in cut.keys)
 
 
 def test_enlarging_keeps_texels_that_are_there_and_meets_at_the_seam() -> None:
