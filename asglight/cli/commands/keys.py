@@ -17,12 +17,12 @@ from asglight.cli.options.parser import (
     file_name,
 )
 from asglight.cli.options.reading import read_options as images_read
-from asglight.cli.options.stage_options import OUTPUT
+from asglight.cli.options.stage_options import OUTPUT, representation_list
 from asglight.cli.printing import counted, frame_range, print_json, size
 from asglight.cli.progress import reporter
 from asglight.cli.sources.key_cutting import Cutting, cut_keys
 from asglight.errors import InputError
-from asglight.usd.options import check_key_options, parse_representations
+from asglight.usd.options import check_key_options
 
 EXAMPLE = (
     "asglight keys sky.usda --reference sky.####.exr\n"
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     target = f"{OUTPUT} (default: STAGE itself)"
     parser.add_argument("-o", "--output", type=file_name, metavar="STAGE", help=target)
     held = "what the stage holds then, such as keys or cards,keys (default: keys, and what it has)"
-    parser.add_argument("--representations", type=parse_representations, metavar="LIST", help=held)
+    parser.add_argument("--representations", type=representation_list, metavar="LIST", help=held)
     add_key_options(parser, usual=AUTO)
     add_reading_options(parser)
     add_follow_option(parser)

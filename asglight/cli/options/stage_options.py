@@ -37,7 +37,7 @@ def add_stage_options(parser: argparse.ArgumentParser, kept: str | None = None) 
     )
     add(
         "--representations",
-        type=_representations,
+        type=representation_list,
         metavar="LIST",
         help=f"{held} {default(','.join(usual.representations))}",
     )
@@ -71,7 +71,8 @@ def add_stage_options(parser: argparse.ArgumentParser, kept: str | None = None) 
     add("--dome-height", type=int, metavar="ROWS", help=f"{rows} {default(usual.dome_height)}")
 
 
-def _representations(text: str) -> tuple[str, ...]:
+def representation_list(text: str) -> tuple[str, ...]:
+    """Return the representations that an option lists, as the type of an argument."""
     try:
         return parse_representations(text)
     except InputError as error:
