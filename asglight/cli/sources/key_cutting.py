@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from asglight.cli.commands.evaluate import check_frames
 from asglight.cli.options.key_options import with_keys
 from asglight.cli.sources.same_light import SameLight
-from asglight.images import open_sequence
+from asglight.images import Sequence, open_sequence
 from asglight.images.options import ReadOptions
 from asglight.usd.options import KeyOptions, StageOptions
 
@@ -46,8 +46,8 @@ def cut_keys(
         What was written, how, and the frames.
 
     Raises:
-        InputError: The images lack a frame, something cannot be read or written, or a fit writes
-            the stage.
+        InputError: The images lack a frame or one is damaged, something cannot be read or written,
+            or a fit writes the stage.
     """
     from asglight.shots.kept.checkpoint import alone
 
@@ -66,13 +66,19 @@ def _cut(
     asked = cutting.representations
     chosen = {} if asked is None else {"representations": asked}
     options = replace(options, **with_keys(chosen, cutting.keys, options.representations))
+    sequence = _images(cutting, tracks.frames, stage)
+    check = SameLight(tracks, stage, cutting.reference, report)
+    keying = Keying(sequence, cutting.keys, report.follow, check)
+    return write_usd(tracks, output, **vars(options), keys=keying), options, tracks.frames
+
+
+def _images(cutting: Cutting, frames: tuple[int, ...], stage: str) -> Sequence:
+    """Open the images of a stage's frames; one that is missing or damaged is refused."""
     sequence = open_sequence(
         cutting.reference,
         missing="hold",
         height=cutting.keys.rest_height,
         reading=cutting.reading,
     )
-    check_frames(sequence, tracks.frames, cutting.reference, stage, ALL_FRAMES)
-    check = SameLight(tracks, stage, cutting.reference, report)
-    keying = Keying(sequence, cutting.keys, report.follow, check)
-    return write_usd(tracks, output, **vars(options), keys=keying), options, tracks.frames
+    check_frames(sequence, frames, cutting.reference, stage, ALL_FRAMES)
+    return replace(sequence, missing="error")

@@ -217,6 +217,19 @@ def test_a_reference_that_lacks_a_frame_and_no_keys_at_all_are_one_line(folder, 
     assert "unrecognized arguments: --frames 1." in capsys.readouterr().err
 
 
+def test_a_damaged_image_is_told_and_no_other_one_is_kept_in_its_place(
+    folder, tmp_path, capsys
+) -> None:
+    for frame in (1, 2):
+        shutil.copy(folder / f"sky.{frame}.exr", tmp_path)
+    cut_short = tmp_path / "sky.2.exr"
+    cut_short.write_bytes(cut_short.read_bytes()[: cut_short.stat().st_size // 2])
+    words = ["--reference", tmp_path / "sky.#.exr", "-o", tmp_path / "a.usda"]
+    assert run("keys", folder / "sky.usda", *words) == 2
+    assert "sky.2.exr: cannot be decoded" in capsys.readouterr().err
+    assert not (tmp_path / "a.usda").exists()
+
+
 def same_keys(first: Path, second: Path) -> None:
     """Hold keys, their names and their rest against those of another stage."""
     found, wanted = read_keys(first), read_keys(second)
