@@ -69,7 +69,8 @@ def run(arguments: argparse.Namespace, options: FitOptions, keys: KeyOptions | N
         for stage, shot in zip(stages, shots, strict=True):
             if keys is not None:
                 names = given_stage_options(arguments).get("representations")
-                cut_keys(stage, stage, Cutting(shot.source, keys, shot.reading, names), report)
+                cutting = Cutting(shot.source, keys, shot.reading, names, shot.missing)
+                cut_keys(stage, stage, cutting, report)
     documents = [as_document(stage) for stage in stages]
     if arguments.json:
         print_json({"shots": documents})

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING
 
 from asglight.cli.commands.evaluate import check_frames
 from asglight.cli.options.key_options import with_keys
+from asglight.cli.printing import frame_range
 from asglight.cli.sources.same_light import SameLight
 from asglight.images import Sequence, open_sequence
 from asglight.images.options import ReadOptions
+from asglight.images.sequence import Missing
 from asglight.usd.options import KeyOptions, StageOptions
 
 if TYPE_CHECKING:
@@ -25,12 +27,14 @@ class Cutting:
         keys: How many keys, and as what.
         reading: How the images are read.
         representations: What the stage holds then; None for keys, and what it has.
+        missing: What stands in for an image that is missing or damaged.
     """
 
     reference: str
     keys: KeyOptions
     reading: ReadOptions
     representations: tuple[str, ...] | None = None
+    missing: Missing = "error"
 
 
 ALL_FRAMES = "Keys are cut in every frame of the stage."
@@ -73,12 +77,15 @@ def _cut(
 
 
 def _images(cutting: Cutting, frames: tuple[int, ...], stage: str) -> Sequence:
-    """Open the images of a stage's frames; one that is missing or damaged is refused."""
+    """Open the images of a stage's frames."""
+    are_filled = cutting.missing != "error"
     sequence = open_sequence(
         cutting.reference,
-        missing="hold",
+        frames=frame_range(frames) if are_filled else None,
+        missing=cutting.missing if are_filled else "hold",
         height=cutting.keys.rest_height,
         reading=cutting.reading,
     )
-    check_frames(sequence, frames, cutting.reference, stage, ALL_FRAMES)
-    return replace(sequence, missing="error")
+    if not are_filled:  # by its own message, in place of that of `open_sequence`
+        check_frames(sequence, frames, cutting.reference, stage, ALL_FRAMES)
+    return replace(sequence, missing=cutting.missing)

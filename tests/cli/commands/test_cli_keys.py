@@ -325,7 +325,7 @@ def fitted_here(shots: Sequence[Shot], *_: object, **__: object) -> list[str]:
     """Fit shots as a farm does, in this process."""
     for shot in shots:
         settings = {"frames": shot.frames, "fps": shot.fps, "stage": shot.stage}
-        fit_shot(shot.source, shot.output, shot.options, **settings)
+        fit_shot(shot.source, shot.output, shot.options, missing=shot.missing, **settings)
     return [shot.output for shot in shots]
 
 
@@ -342,3 +342,20 @@ def test_a_farm_leaves_stages_whose_keys_are_cut_here(
     assert wanted is not None
     for place in range(2):
         assert torch.equal(found.rest.radiance(place), wanted.rest.radiance(place))
+
+
+def test_keys_of_a_farm_fill_the_frames_that_its_fits_fill(folder, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(farm, "fit_on_farm", fitted_here)
+    for source, frame in ((1, 1), (2, 2), (2, 4)):
+        shutil.copy(folder / f"sky.{source}.exr", tmp_path / f"sky.{frame}.exr")
+    (tmp_path / "sky.2.exr").write_bytes(b"damaged")
+    target = tmp_path / "farm.usda"
+    words = [tmp_path / "sky.#.exr", "--keys", "auto", "--missing", "hold", "-o", target]
+    assert run("fit", *words, "--scheduler", "local:1", "--frames", "1-5") == 0
+    found = read_keys(target)
+    assert found is not None
+    assert found.times == (1, 2, 3, 4, 5)
+    first, *held, fourth, last = [found.rest.radiance(place) for place in range(5)]
+    assert all(torch.equal(one, first) for one in held)
+    assert torch.equal(last, fourth)
+    assert not torch.equal(fourth, first)
