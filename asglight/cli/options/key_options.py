@@ -23,9 +23,10 @@ def add_key_options(parser: argparse.ArgumentParser, *, usual: str | None) -> No
     add = parser.add_argument_group(
         "keys: lamps as lights, and the images without them"
     ).add_argument
+    least = "or so many at most" if usual else "so many at most; or 0"
     many = (
-        "lights for the lamps of the images: auto, as few as carry most of their light; so many at "
-        f"most; or 0 (default: {usual or 'none'})"
+        "lights for the lamps of the images: auto, as few as carry most of their light; "
+        f"{least} (default: {usual or 'none'})"
     )
     add("--keys", type=_count, metavar="auto|N", help=many, default=usual)
     shine = "what a key is: rect, its lamp's rectangle, or distant, for real-time engines"

@@ -210,6 +210,8 @@ def test_a_reference_that_lacks_a_frame_and_no_keys_at_all_are_one_line(folder, 
     words = ["--reference", folder / "sky.#.exr"]
     assert run("keys", stage, *words, "--keys", "0") == 2
     assert "keys: 0; expected auto or a number above 0." in capsys.readouterr().err
+    assert main(["keys", "--help"]) == 0
+    assert "or so many at most (default: auto)" in " ".join(capsys.readouterr().out.split())
     assert run("keys", stage, *words, "--representations", "cards,foo") == 2
     told = "argument --representations: cards,foo; expected some of cards, distant, dome, keys,"
     assert told in capsys.readouterr().err
