@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether images are those that a stage was fitted to: their light is that of its lobes."""
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -48,9 +50,9 @@ class SameLight:
             self._has_told = True
             self._on_progress(
                 Notice(
-                    f"{shown(self._reference)}: its light at frame {frame} is {100 * off:.3g} % "
-                    f"off that of the lobes of {shown(self._stage)}; are these the images that it "
-                    "was fitted to?"
+                    f"{shown(self._reference)}: its light at frame {frame} is {_words(off)} that "
+                    f"of the lobes of {shown(self._stage)}; are these the images that it was "
+                    "fitted to?"
                 )
             )
 
@@ -64,6 +66,11 @@ def light_off(lobes: Tensor, image: Tensor) -> float:
     """
     most, mean = float((lobes - image).abs().max()), float(image.mean())
     return most / mean if mean > 0 else float("inf") if most > 0 else 0.0
+
+
+def _words(off: float) -> str:
+    """Return in words how far light is off; of a black map there is no share."""
+    return f"{100 * off:.3g} % off" if math.isfinite(off) else "none, unlike"
 
 
 def _flux_of_map(radiance: Tensor) -> Tensor:

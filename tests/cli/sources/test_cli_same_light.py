@@ -53,6 +53,13 @@ def test_images_of_another_shot_are_told_of_once(fitted, tmp_path, capsys) -> No
     assert line.endswith("sky.usda; are these the images that it was fitted to?")
 
 
+def test_a_black_map_has_no_light_and_no_share_of_it(fitted, tmp_path, capsys) -> None:
+    stage = Path(shutil.copy(fitted, tmp_path))
+    assert run("keys", stage, "--reference", shot(tmp_path, "black", (0.0, 0.0, 0.0))) == 0
+    (line,) = told(capsys)
+    assert "black.#.exr: its light at frame 1 is none, unlike that of the lobes of" in line
+
+
 def test_other_colours_of_as_much_light_are_told_of_too(fitted, tmp_path, capsys) -> None:
     stage = Path(shutil.copy(fitted, tmp_path))
     flux = (with_lamps(ROWS, Rectangle(30, 20, 10, 24, 18), rays=2)).sum((0, 1))
