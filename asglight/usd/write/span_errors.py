@@ -6,8 +6,8 @@ interpolates each attribute linearly between two samples in a span. The error is
 which such attributes give against the light of the lobe at the same time: of its flux, of its
 radiance and of its direction, each over what is allowed, the largest at the times that are probed.
 
-The lobe's flux is linear. Mean squares and other values of the shape are known at a few even steps;
-in between, a polynomial goes through their logarithms, which for narrow lobes is exact.
+The lobe's flux is linear. Mean squares and other values of the shape are known at even steps; in
+between, polynomials go through their logarithms, which for narrow lobes is exact.
 
 Here is what all kinds have in common, and what a lobe itself is; `span_lights.py` has its lights.
 
@@ -159,12 +159,18 @@ def total(light: Tensor) -> Tensor:
     return red + green + blue
 
 
+PIECE = 4
+"""Steps of one polynomial, at most. More of them in one do not help: a mean square is a power of
+the sharpness of narrow lobes and stays as it is of broad ones, and a polynomial of a high degree
+swings about such a bend."""
+
+
 @dataclass(frozen=True)
 class Curve:
-    """The polynomial through what is known at even steps from the beginning to the end.
+    """Polynomials, one after the other, through what is known at even steps.
 
     Attributes:
-        terms: Coefficients of 1, t, t^2, ....  [K, S, ...]
+        terms: Coefficients of 1, t, t^2, ..., t from 0 to 1 in each piece.  [K, S, pieces, ...]
     """
 
     terms: Tensor
@@ -172,7 +178,11 @@ class Curve:
     @classmethod
     def through(cls, nodes: Tensor) -> Self:
         """Take what is known at 0, 1 / (K - 1), ..., 1.  [S, K, ...]."""
-        return cls(torch.einsum("jk,sk...->js...", _powers_from_nodes(nodes.shape[1]), nodes))
+        step = min(nodes.shape[1] - 1, PIECE)
+        pieces = torch.stack(
+            [nodes[:, first : first + step + 1] for first in range(0, nodes.shape[1] - 1, step)], 1
+        )
+        return cls(torch.einsum("jk,spk...->jsp...", _powers_from_nodes(step + 1), pieces))
 
     def at(self, index: Tensor) -> Self:
         """Pick spans."""
@@ -180,10 +190,15 @@ class Curve:
 
     def when(self, time: Tensor) -> Tensor:
         """Return its value at shares of the span.  [S, Q] -> [S, Q, ...]."""
-        way = time.reshape(*time.shape, *[1] * (self.terms.ndim - 2))
-        value = self.terms[-1].unsqueeze(1)
-        for term in reversed(self.terms[:-1].unbind()):  # Horner's scheme
-            value = term.unsqueeze(1) + way * value
+        terms, count = self.terms, self.terms.shape[2]
+        if count > 1:  # of one piece, all times have the same
+            piece = (time * count).long().clamp(max=count - 1)
+            time = time * count - piece
+            terms = terms[:, torch.arange(len(piece))[:, None], piece]
+        way = time.reshape(*time.shape, *[1] * (terms.ndim - 3))
+        value = terms[-1]
+        for term in reversed(terms[:-1].unbind()):  # Horner's scheme
+            value = term + way * value
         return value
 
 

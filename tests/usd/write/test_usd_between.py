@@ -27,7 +27,7 @@ FRAMES = range(1001, 1004)
 TIMES = [
     frame + part
     for frame in FRAMES[:-1]
-    for part in (0.02, 0.1, 0.23, 0.4, 0.5, 0.62, 0.77, 0.9, 0.98)
+    for part in (0.02, 0.1, 0.23, 0.4, 0.5, 0.62, 0.74, 0.77, 0.9, 0.98)
 ]
 
 FLUX, RADIANCE, TURN_DEG = 3e-3, 1e-2, 0.1
@@ -120,6 +120,20 @@ def even_error(one: tuple[float, np.ndarray], other: tuple[float, np.ndarray], c
     return abs(flux / true - 1), apart / true
 
 
+def bent() -> LobeTracks:
+    """Return lobes whose spread is least between two frames, or stops growing there."""
+    sharpness = [
+        [[7.1, 600.0], [70.5, 6.8]],
+        [[109.0, 0.39], [0.42, 4.1]],
+        [[800.0, 3.0], [1e5, 90]],
+    ]
+    shape = torch.tensor(sharpness)
+    axes = torch.eye(3).expand(3, 2, 3, 3)
+    light = shape.prod(-1, keepdim=True).sqrt().expand(3, 2, 3)
+    lobes = Lobes(axes, shape, light, Form.FLAT)
+    return LobeTracks(tuple(FRAMES), 24.0, lobes)
+
+
 def cases() -> dict[str, LobeTracks]:
     noisy = moving(FRAMES, 6, jitter=0.3)
     wild = moving(FRAMES, 4, seed=3)
@@ -131,6 +145,7 @@ def cases() -> dict[str, LobeTracks]:
         "wild": wild,
         "bingham": moving(FRAMES, 3, Form.BINGHAM, jitter=0.2),
         "sg": moving(FRAMES, 3, Form.SG, jitter=0.2),
+        "bent": bent(),
     }
 
 
@@ -203,7 +218,11 @@ def test_cards_between_frames_are_those_of_lobes_in_motion(name, textured, stage
 @pytest.mark.parametrize(
     ("name", "count"),
     # the round sg has one light in any case
-    [*((name, count) for name in ("kinds", "noisy", "wild") for count in (1, 3)), ("sg", 3)],
+    [
+        *((name, count) for name in ("kinds", "noisy", "wild") for count in (1, 3)),
+        ("sg", 3),
+        ("bent", 1),
+    ],
 )
 def test_distant_lights_between_frames_are_those_of_lobes_in_motion(name, count, stage_of) -> None:
     tracks = CASES[name]
