@@ -9,9 +9,10 @@ from pxr import Sdf, Usd
 
 from asglight.images import ocio
 from asglight.lobes import Lobes
+from asglight.usd.read.edited_lights import hidden_lobes
 from asglight.usd.read.placement import placement_of, turned
 from asglight.usd.read.times import frame_numbers
-from asglight.usd.read.tracks import lobes_at
+from asglight.usd.read.tracks import darkened, lobes_at
 from asglight.usd.spaces import in_colorspace, space_of
 from asglight.usd.stage import lobe_prims, name_of, open_rig, readable
 
@@ -21,7 +22,8 @@ def read_between(
 ) -> Lobes:
     """Read the lobes of a stage at any times, as a program reads them.
 
-    Each of their own attributes is what USD interpolates; edits of lights do not count.
+    Each of their own attributes is what USD interpolates; edits of lights do not count, but for a
+    lobe that is invisible: it is black.
 
     Args:
         path: The stage.
@@ -36,12 +38,14 @@ def read_between(
     """
     stage, prim = open_rig(path, rig)
     with readable(path):
-        lobes = lobes_at(name_of(path), lobe_prims(prim), list(times))
+        prims = lobe_prims(prim)
+        lobes = lobes_at(name_of(path), prims, list(times))
+        hidden, _ = hidden_lobes(prims, tuple(times))
         placement = placement_of(prim, tuple(times))
         lobes = turned(lobes.to(torch.float64), placement.to_world)
         lobes = in_colorspace(lobes, space_of(prim).colorspace, ocio.REC709).to(torch.float32)
     del stage  # kept until here: the rig dies with it
-    return lobes
+    return darkened(lobes, hidden)
 
 
 def samples_between(path: str | Path | Usd.Stage, rig: str | None = None) -> int:

@@ -305,12 +305,12 @@ def upright(dome: Usd.Prim) -> Array:
     return np.array(authored)
 
 
-def hidden_lobes(prims: Sequence[Usd.Prim], times: tuple[int, ...]) -> tuple[Tensor, list[str]]:
+def hidden_lobes(prims: Sequence[Usd.Prim], times: tuple[float, ...]) -> tuple[Tensor, list[str]]:
     """Return where lobes are invisible, and what is to be said of that.
 
     Args:
         prims: Those of the lobes.
-        times: Frame numbers.
+        times: Time codes.
 
     Returns:
         Whether nobody sees a lobe, [F, N], and one line for each lobe of which that is so.

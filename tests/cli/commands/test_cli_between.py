@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from pxr import Usd, UsdGeom
 
 from asglight.cli.main import main
 from asglight.images import write_exr
@@ -65,6 +66,15 @@ def test_a_stage_of_every_second_frame_is_judged_at_the_others(images, tmp_path,
     assert max(found["mean"]["stage"].values()) < 1e-3
     assert max(found["mean"]["rule"].values()) < 1e-3
     assert found["ratios"]["stage"]["r0.25"] < 0.05
+
+
+def test_a_lobe_that_is_invisible_does_not_light_between_frames(images, tmp_path, capsys) -> None:
+    path = written(tmp_path, range(1, 6, 2), {})
+    stage = Usd.Stage.Open(str(path))
+    UsdGeom.Imageable(stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00")).MakeInvisible()
+    stage.Save()
+    mean = evaluated(capsys, path, "--reference", images)["mean"]
+    assert mean["stage"]["flux"] == mean["rule"]["flux"] == 1.0  # none of the lamp's light
 
 
 def test_a_stage_of_all_frames_is_fitted_anew_without_every_second_one(
