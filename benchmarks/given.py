@@ -2,7 +2,8 @@
 """What scripts measure: every map of a folder, `--maps`, or the frames of a sequence."""
 
 import argparse
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from torch import Tensor
@@ -11,7 +12,53 @@ from asglight.cli.options.parser import one_line
 from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import read_latlong
+from asglight.images.message import shown
 from asglight.images.sequence import open_sequence
+
+
+@contextlib.contextmanager
+def refused_in_a_line(parser: argparse.ArgumentParser) -> Iterator[None]:
+    """Let a script end with one line and exit status 2 where an input is the user's to mend.
+
+    Args:
+        parser: Of the script.
+    """
+    try:
+        yield
+    except InputError as error:
+        parser.error(one_line(str(error)))
+
+
+def read_map(path: Path, height: int = FIT_HEIGHT) -> Tensor:
+    """Read a map.  [H, 2 H, 3].
+
+    Args:
+        path: The image.
+        height: Rows to which a finer one is averaged down: those that are fitted.
+
+    Raises:
+        InputError: It cannot be read, or is black.
+    """
+    radiance = read_latlong(path, height=height).radiance
+    if float(radiance.max()) <= 0:
+        raise InputError(f"{shown(path)}: is black; expected a map with some light in it.")
+    return radiance
+
+
+def map_paths(parser: argparse.ArgumentParser, folder: Path) -> list[Path]:
+    """Return the maps of a folder by name.
+
+    Args:
+        parser: Of the script.
+        folder: What `--maps` names.
+
+    Raises:
+        SystemExit: There is no map; one line says so.
+    """
+    paths = sorted(folder.glob("*.exr"))
+    if not paths:
+        parser.error(f"--maps: {folder}: has no .exr; expected latlong OpenEXR files")
+    return paths
 
 
 def maps_given(program: str, text: str | None, argv: Sequence[str] | None) -> dict[str, Tensor]:
@@ -26,15 +73,13 @@ def maps_given(program: str, text: str | None, argv: Sequence[str] | None) -> di
         Repaired radiance [H, 2 H, 3] by name.
 
     Raises:
-        SystemExit: There is no map; one line says so.
+        SystemExit: There is no map, or one cannot be read; one line says so.
     """
     parser = argparse.ArgumentParser(prog=program, description=text)
     parser.add_argument("--maps", type=Path, required=True, metavar="DIR", help="latlong OpenEXR")
-    folder = parser.parse_args(argv).maps
-    paths = sorted(folder.glob("*.exr"))
-    if not paths:
-        parser.error(f"--maps: {folder}: has no .exr; expected latlong OpenEXR files")
-    return {path.stem: read_latlong(path, height=FIT_HEIGHT).radiance for path in paths}
+    paths = map_paths(parser, parser.parse_args(argv).maps)
+    with refused_in_a_line(parser):
+        return {path.stem: read_map(path) for path in paths}
 
 
 def add_sequence(parser: argparse.ArgumentParser) -> None:
@@ -56,11 +101,9 @@ def frames_given(parser: argparse.ArgumentParser, options: argparse.Namespace) -
     Raises:
         SystemExit: It cannot be read, or has fewer than two frames; one line says so.
     """
-    try:
+    with refused_in_a_line(parser):
         sequence = open_sequence(options.sequence)
         maps = [sequence.read(frame).radiance for frame in sequence.frames[: options.frames]]
-    except InputError as error:
-        parser.error(one_line(str(error)))
     if len(maps) < 2:
         parser.error(f"{options.sequence}: {len(maps)} frame; expected two or more to follow")
     return maps

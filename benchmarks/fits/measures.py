@@ -15,19 +15,17 @@ import numpy as np
 from torch import Tensor
 
 from asglight.cli.progress import Reporter
-from asglight.errors import InputError
 from asglight.fitting.first_frame import fit as first_frame
-from asglight.fitting.options import FIT_HEIGHT, FitOptions, Preset
+from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.paper import fit as paper
 from asglight.fitting.paper import losses as paper_losses
 from asglight.fitting.sequence import fit_frame
-from asglight.images import read_latlong
-from asglight.images.message import shown
 from asglight.judging.clock import Clock, Point, timed
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes
 from asglight.peers import vmf_em
 from asglight.threads import one_thread
+from benchmarks.given import read_map
 
 STILL_PRESETS = (Preset.FAST, Preset.BEST)
 
@@ -51,18 +49,6 @@ RACED = ("loss", "irr", "r0.25")
 
 CURVE_POINTS = 60
 """Points of the paper's curve, even in the logarithm of the step."""
-
-
-def read_map(path: Path) -> Tensor:
-    """Read a map at the size that is fitted.  [H, W, 3].
-
-    Raises:
-        InputError: It cannot be read, or is black.
-    """
-    radiance = read_latlong(path, height=FIT_HEIGHT).radiance
-    if float(radiance.max()) <= 0:
-        raise InputError(f"{shown(path)}: is black; expected a map with some light in it.")
-    return radiance
 
 
 def accuracy(paths: Sequence[Path], lobes: int, report: Reporter) -> dict[str, Any]:

@@ -19,8 +19,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from asglight.cli.options.parser import one_line
-from asglight.errors import InputError
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
 from asglight.judging.clock import Point, timed
@@ -29,7 +27,8 @@ from asglight.lobes.frames import axes_from_quaternion
 from asglight.peers import vmf_em
 from asglight.sphere import latlong
 from benchmarks.fits.__main__ import find_maps, find_sequences
-from benchmarks.fits.measures import compare, read_map
+from benchmarks.fits.measures import compare
+from benchmarks.given import read_map, refused_in_a_line
 
 TURNS = 2
 """Of each map."""
@@ -53,12 +52,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--maps", type=Path, required=True, metavar="DIR", help="latlong maps")
     parser.add_argument("--sequences", type=Path, metavar="DIR", help="folder of sequences")
     options = parser.parse_args(argv)
-    try:
+    with refused_in_a_line(parser):
         print(
             table({name: measured(each) for name, each in cases(options.maps, options.sequences)})
         )
-    except InputError as error:
-        parser.error(one_line(str(error)))
     return 0
 
 

@@ -39,6 +39,7 @@ from asglight.images import read_latlong, write_exr
 from asglight.images.decoding.decoders import APART, HERE, Decoder
 from asglight.shots import fit_shot
 from asglight.sphere import latlong
+from benchmarks.given import refused_in_a_line
 
 GRAIN = 0.01
 """Of a texel, at random: without it an enlarged map would compress as no photograph does."""
@@ -259,7 +260,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         lambda folder: viewer(folder, options.map, options.repeats),
     )
     for part in parts:
-        with tempfile.TemporaryDirectory(prefix="asglight-") as folder:
+        with tempfile.TemporaryDirectory(prefix="asglight-") as folder, refused_in_a_line(parser):
             for line in part(Path(folder)):
                 print(line, flush=True)
         print()

@@ -27,6 +27,7 @@ import torch
 
 from asglight.fitting.options import FIT_HEIGHT
 from asglight.images import open_sequence
+from benchmarks.given import refused_in_a_line
 from benchmarks.keyed.rows import SHOWN, Row, print_head, print_row, stage_row, written
 from benchmarks.keyed.synthetic import key_options, print_synthetic
 
@@ -47,7 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.inputs:
         print_head([*heads, "MB"])
     for source in options.inputs:
-        print_row(judged(source, options).cells())
+        with refused_in_a_line(parser):
+            print_row(judged(source, options).cells())
     if options.synthetic:
         print_synthetic(options, [*heads, "corners"])
     return 0

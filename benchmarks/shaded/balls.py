@@ -17,12 +17,12 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from asglight.fitting.options import FIT_HEIGHT, FitOptions
+from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import fit_frame
-from asglight.images import open_sequence
 from asglight.lobes import Form, Lobes, asg
 from asglight.shading import brute_force, ggx_lobes, rectified
 from asglight.shading.sheets import amplitudes, sheets
+from benchmarks.given import map_paths, read_map, refused_in_a_line
 
 ROUGHNESS = (0.05, 0.07, 0.1, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0)
 F0 = (1.0, 0.04)
@@ -42,13 +42,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--points", type=int, default=200, help="points of a ball (200)")
     options = parser.parse_args(argv)
-    first = options.forms[0]
+    first, paths = options.forms[0], map_paths(parser, options.maps)
     print(f"| {first} | " + " | ".join(map(str, ROUGHNESS)) + " | Lambert |")
     print("|---" * (len(ROUGHNESS) + 2) + "|")
     for form in options.forms:
         rows = []
-        for path in sorted(options.maps.glob("*.exr")):
-            lobes = fitted(path, form)
+        for path in paths:
+            with refused_in_a_line(parser):
+                lobes = fitted(path, form)
             seen = [errors(turned(lobes, yaw), options.points) for yaw in YAWS]
             rows += seen
             if form is first:
@@ -58,9 +59,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def fitted(path: Path, form: Form) -> Lobes:
     """Fit 15 lobes to a map.  [15, .]."""
-    sequence = open_sequence(path, height=FIT_HEIGHT)
-    radiance = sequence.read(sequence.frames[0]).radiance
-    return fit_frame(radiance, FitOptions(form=form), previous=None).lobes.to(torch.float64)
+    return fit_frame(read_map(path), FitOptions(form=form), previous=None).lobes.to(torch.float64)
 
 
 def turned(lobes: Lobes, yaw: float) -> Lobes:

@@ -23,11 +23,10 @@ from torch import Tensor
 
 from asglight.cli.folders import write_text
 from asglight.cli.progress import Reporter, reporter
-from asglight.fitting.options import FIT_HEIGHT, LOBES, FitOptions
+from asglight.fitting.options import LOBES, FitOptions
 from asglight.fitting.paper import fit as paper
 from asglight.fitting.paper.losses import Loss
 from asglight.fitting.sequence import fit_frame
-from asglight.images import read_latlong
 from asglight.judging.compare import methods
 from asglight.judging.compare.maps import FLOATS
 from asglight.judging.compare.methods import METHODS, Task
@@ -35,6 +34,7 @@ from asglight.judging.metrics import METRIC_NAMES, maps_errors
 from asglight.judging.paper_figures.data import ROWS, STEPS, coarsened
 from asglight.lobes import Form, Lobes, texels
 from asglight.threads import one_thread
+from benchmarks.given import map_paths, read_map, refused_in_a_line
 
 FORMS = {
     (Form.SG, 15): "sg, 15 lobes, 90 floats",
@@ -63,14 +63,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="what (default: all)")
     add("-o", "--output", type=Path, default=Path("method.json"), metavar="FILE")
     options = parser.parse_args(argv)
-    paths = sorted(options.maps.glob("*.exr"))
-    if not paths:
-        parser.error(f"--maps: {options.maps}: has no .exr; expected latlong OpenEXR files")
+    paths = map_paths(parser, options.maps)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     found: dict[str, dict[str, Any]] = {part: {} for part in options.parts}
-    with reporter() as report:
+    with refused_in_a_line(parser), reporter() as report:
         for path in paths:
-            reference = read_latlong(path, height=FIT_HEIGHT).radiance
+            reference = read_map(path)
             for part in options.parts:
                 fits = PARTS[part](reference, report, f"{path.stem}: {part}")
                 found[part][path.stem] = judged(list(fits), reference)

@@ -21,14 +21,14 @@ import torch
 from pxr import Usd
 from torch import Tensor
 
-from asglight.fitting.options import FIT_HEIGHT, FitOptions
+from asglight.fitting.options import FitOptions
 from asglight.fitting.sequence import fit_frame
-from asglight.images import open_sequence
 from asglight.lobes import Form, LobeTracks
 from asglight.lobes.data import stack
 from asglight.shading import ggx
 from asglight.usd import Representation, read_usd, write_usd
 from asglight.usd.options import OF_LOBES
+from benchmarks.given import map_paths, read_map, refused_in_a_line
 from benchmarks.stages import representations_lights as lights
 from benchmarks.stages.representations_lights import Arriving
 
@@ -81,20 +81,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     form_help = "lobe form of the maps' fits (asg)"
     parser.add_argument("--form", type=Form, default=Form.ASG, help=form_help)
     options = parser.parse_args(argv)
-    with tempfile.TemporaryDirectory() as folder:
-        cases = (
-            of_maps(options.maps, options.form, Path(folder))
-            if options.maps
-            else of_stages(options.stages)
-        )
+    maps = map_paths(parser, options.maps) if options.maps else []
+    with tempfile.TemporaryDirectory() as folder, refused_in_a_line(parser):
+        cases = of_maps(maps, options.form, Path(folder)) if maps else of_stages(options.stages)
         print_tables({case.name: measured(case) for case in cases})
 
 
-def of_maps(maps: Path, form: Form, folder: Path) -> Iterator[Case]:
+def of_maps(maps: Sequence[Path], form: Form, folder: Path) -> Iterator[Case]:
     """Fit every map and write its stages."""
-    for path in sorted(maps.glob("*.exr")):
-        sequence = open_sequence(path, height=FIT_HEIGHT)
-        radiance = sequence.read(sequence.frames[0]).radiance
+    for path in maps:
+        radiance = read_map(path)
         lobes = fit_frame(radiance, FitOptions(form=form), previous=None).lobes
         tracks = LobeTracks((1,), 24.0, stack([lobes.to(torch.float32)]))
         yield Case(path.stem, written(tracks, folder, path.stem), 1.0, radiance)

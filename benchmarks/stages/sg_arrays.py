@@ -14,11 +14,11 @@ from pathlib import Path
 from torch import Tensor
 
 from asglight.export.sg_array import SgLayout, as_shown
-from asglight.fitting.options import FIT_HEIGHT, LOBES, FitOptions
+from asglight.fitting.options import LOBES, FitOptions
 from asglight.fitting.sequence import fit_frame
-from asglight.images import read_latlong
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form, Lobes
+from benchmarks.given import read_map, refused_in_a_line
 
 SHOWN = ("env", "irr", "r0.5", "r0.25")
 CALLED = {SgLayout.PHYSG: "PhySG's array", SgLayout.NERD: "NeRD's array"}
@@ -35,7 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"| map | fitted as | shown by | {' | '.join(SHOWN)} |")
     print(f"|{' --- |' * 3}{' ---: |' * len(SHOWN)}")
     for path in options.maps:
-        reference = read_latlong(path, height=FIT_HEIGHT).radiance
+        with refused_in_a_line(parser):
+            reference = read_map(path)
         for form in (Form.ASG, Form.SG):
             lobes = fit_frame(reference, FitOptions(options.lobes, form=form), None).lobes
             for name, errors in rows(lobes, reference):

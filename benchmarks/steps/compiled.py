@@ -17,8 +17,6 @@ from unittest import mock
 import torch
 from torch import Tensor
 
-from asglight.cli.options.parser import one_line
-from asglight.errors import InputError
 from asglight.fitting import compiled
 from asglight.fitting.first_frame import seeding
 from asglight.fitting.first_frame.fit import exposed
@@ -29,6 +27,7 @@ from asglight.fitting.steps import equations, light, newton
 from asglight.images.sequence import open_sequence
 from asglight.lobes import Form, Lobes
 from asglight.threads import one_thread
+from benchmarks.given import refused_in_a_line
 
 PART_RUNS = 30
 
@@ -48,12 +47,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     if compiled.LIBRARY is None:
         parser.error("no steps were compiled here; install a C compiler and asglight again")
-    try:
+    with refused_in_a_line(parser):
         still, shot = open_sequence(options.map), open_sequence(options.sequence)
         radiance = still.read(still.frames[0]).radiance
         maps = [shot.read(frame).radiance for frame in shot.frames[: options.frames]]
-    except InputError as error:
-        parser.error(one_line(str(error)))
     if len(maps) < 2:
         parser.error(f"{options.sequence}: {len(maps)} frame; expected two or more to follow")
     with one_thread(), torch.inference_mode():

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import torch
 
-from asglight.fitting.options import AUTO, FIT_HEIGHT, LOBES, FitOptions, form_of
+from asglight.fitting.options import AUTO, LOBES, FitOptions, form_of
 from asglight.fitting.sequence import fit_frame
-from asglight.images import read_latlong
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Form
+from benchmarks.given import read_map, refused_in_a_line
 
 SHOWN = ("env", "irr", "r0.5", "r0.25")
 ASKED = (str(Form.ASG), str(Form.FLAT), AUTO)
@@ -37,7 +37,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"| map | asked | form | J | {' | '.join(SHOWN)} | CPU s |")
     print(f"|{' --- |' * 3}{' ---: |' * (2 + len(SHOWN))}")
     for path in options.maps:
-        reference = read_latlong(path, height=FIT_HEIGHT).radiance
+        with refused_in_a_line(parser):
+            reference = read_map(path)
         for name in ASKED:
             start = time.process_time()
             fit = fit_frame(reference, FitOptions(options.lobes, form=form_of(name)), None)

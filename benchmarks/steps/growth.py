@@ -19,24 +19,23 @@ from torch import Tensor
 
 from asglight.cli.folders import write_text
 from asglight.cli.progress import reporter
-from asglight.fitting.options import FIT_HEIGHT
-from asglight.images import read_latlong
 from asglight.judging.bench import scaling as bench_scaling
 from asglight.judging.bench.plan import Effort, Plan, plan_of
 from asglight.judging.compare.maps import Follow
+from benchmarks.given import read_map, refused_in_a_line
 
 Account = dict[str, Any]
 
 
 def texels(path: Path, plan: Plan, follow: Follow) -> Account:
     """Measure by size: coarser maps are averages of the file, in finer ones its texels split."""
-    source = read_latlong(path, height=max(plan.widths) // 2).radiance
+    source = read_map(path, max(plan.widths) // 2)
     return bench_scaling.by_texels(source, plan, follow)
 
 
 def frames(path: Path, plan: Plan, follow: Follow) -> Account:
     """Measure by length, at the size that is fitted."""
-    still: list[Tensor] = [read_latlong(path, height=FIT_HEIGHT).radiance]
+    still: list[Tensor] = [read_map(path)]
     return bench_scaling.by_frames(still, plan, follow)
 
 
@@ -52,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("-o", "--output", type=Path, metavar="FILE", help="the same numbers as JSON")
     options = parser.parse_args(argv)
     found: dict[str, Account] = {}
-    with reporter() as report:
+    with refused_in_a_line(parser), reporter() as report:
         for part in options.parts:
             found[part] = PARTS[part](options.map, plan_of(Effort.FULL), report.follow)
             if options.output is not None:

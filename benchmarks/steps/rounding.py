@@ -22,10 +22,10 @@ import torch
 
 from asglight.cli.folders import write_text
 from asglight.fitting.options import FIT_HEIGHT, LOBES
-from asglight.images import read_latlong
 from asglight.judging.metrics import frame_errors
 from asglight.judging.stress.cases import CASES
 from asglight.lobes import Form, Lobes
+from benchmarks.given import map_paths, read_map, refused_in_a_line
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -49,9 +49,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     source.add_argument("--stress", action="store_true", help="the maps of `asglight stress`")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="every number as JSON")
     options = parser.parse_args(argv)
-    given = dict(stress_maps() if options.stress else maps_of(options.maps))
-    if not given:
-        parser.error(f"--maps: {options.maps}: has no .exr; expected latlong OpenEXR files")
+    paths = [] if options.stress else map_paths(parser, options.maps)
+    with refused_in_a_line(parser):
+        given = {path.stem: of_map(read_map(path)) for path in paths} or dict(stress_maps())
     document: dict[str, dict[str, Figures]] = {}
     for name, arithmetic, device in (("float64", "float64", "cpu"), ("cuda", "float32", "cuda")):
         if device == "cuda" and not torch.cuda.is_available():
@@ -62,12 +62,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.output is not None:
         write_text(options.output, json.dumps(document, indent=1) + "\n")
     return 0
-
-
-def maps_of(folder: Path) -> Iterator[tuple[str, Arrays]]:
-    """Read the maps of a folder."""
-    for path in sorted(folder.glob("*.exr")):
-        yield path.stem, of_map(read_latlong(path, height=FIT_HEIGHT).radiance)
 
 
 def stress_maps() -> Iterator[tuple[str, Arrays]]:
