@@ -3,7 +3,7 @@
 
 Every map and every sequence is fitted with a tolerance and judged by asglight.judging; so are two
 skies that are drawn here, one of them overcast. Results are plain dictionaries, as fit.json holds
-them. Seconds are CPU seconds of the whole job, reading included.
+them. Seconds are CPU seconds of the process that fits: another one decodes the images.
 """
 
 from collections.abc import Sequence
@@ -128,6 +128,6 @@ def note(tolerance: float) -> str:
     return (
         f"The fewest lobes with which irr and r0.5 of every frame stay at or below {tolerance:g}, "
         "as `fit --tolerance` finds them. The errors are the judge's, the largest of any frame; "
-        "`met` is what the fit itself says. Seconds are CPU seconds of the search, the fit and "
-        "what is read for them."
+        "`met` is what the fit itself says. Seconds are CPU seconds of the search and the fit; "
+        "what another process takes to decode the images is not in them."
     )

@@ -133,7 +133,7 @@ def of_sequence(
 
 
 def fit(sequence: image_sequence.Sequence, frames: Sequence[int], preset: Preset) -> LobeTracks:
-    """Fit some frames as `asglight fit` does, reading included."""
+    """Fit some frames as `asglight fit` does; another process decodes them."""
     return fit_sequence(sequence.pattern, preset=preset, frames=framesToFrameRange(list(frames)))
 
 
