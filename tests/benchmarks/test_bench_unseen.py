@@ -66,6 +66,7 @@ def test_every_case_has_a_row_and_what_misses_is_told(
         return {"em": errors | {"wall_seconds": 1.0}, "fast": own | {"wall_seconds": 2.0}}
 
     monkeypatch.setattr(unseen, "measured", noted)
+    monkeypatch.setattr(unseen, "fit_frame", lambda *_: None)
     options = ["--maps", str(tmp_path / "maps"), "--sequences", str(tmp_path / "shots")]
     assert unseen.main(options) == 0
     printed = capsys.readouterr().out
@@ -82,6 +83,22 @@ def test_the_fit_and_the_peer_are_measured_on_the_same_map(monkeypatch: pytest.M
     found = unseen.measured(reference)
     assert found["fast"]["r0.5"] < found["em"]["r0.5"]
     assert found["fast"]["wall_seconds"] > 0
+
+
+def test_a_fit_that_does_not_count_comes_before_the_first_of_a_size(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done: list[tuple[str, int]] = []
+    monkeypatch.setattr(
+        unseen, "fit_frame", lambda reference, *_: done.append(("fit", len(reference)))
+    )
+    monkeypatch.setattr(
+        unseen, "measured", lambda reference: done.append(("measured", len(reference)))
+    )
+    cases = [("a", torch.ones(8, 16, 3)), ("b", torch.ones(8, 16, 3)), ("c", torch.ones(4, 8, 3))]
+    assert list(unseen.every(cases)) == ["a", "b", "c"]
+    large, small = ("measured", 8), ("measured", 4)
+    assert done == [("fit", 8), large, large, ("fit", 4), small]
 
 
 def test_a_wrong_folder_is_told_in_one_line(
