@@ -27,7 +27,7 @@ from asglight.judging.stress.cases import CASES
 from asglight.lobes import Form, Lobes
 from benchmarks.given import map_paths, read_map, refused_in_a_line
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 Arrays = dict[str, np.ndarray]
 Figures = dict[str, float]

@@ -213,6 +213,10 @@ def test_the_table_of_parts_has_medians_and_shares() -> None:
     assert "| preroll | – |" in lines
 
 
+def test_the_process_of_another_arithmetic_begins_where_the_benchmarks_are() -> None:
+    assert (rounding.ROOT / "benchmarks" / "steps" / "rounding_worker.py").is_file()
+
+
 def test_a_form_goes_to_the_process_and_back() -> None:
     given = rounding.of_map(torch.ones(2, 4, 3), 2, Form.SG)
     assert (str(given["form"]), int(given["lobes"]), given["map"].shape) == ("sg", 2, (2, 4, 3))
