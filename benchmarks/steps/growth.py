@@ -72,7 +72,8 @@ def table(account: Account) -> str:
         slope = "–" if law is None else f"{law['exponent']:.2f} ± {law['standard_error']:.2f}"
         lines.append(f"| {name}, CPU s | {' | '.join(seconds)} | {slope} |")
         if any(measured["peak_bytes"]):
-            peaks = [f"{(peak or 0) / 1e6:.0f}" for peak in measured["peak_bytes"]]
+            known = measured["peak_bytes"]
+            peaks = ["–" if peak is None else f"{peak / 1e6:.0f}" for peak in known]
             lines.append(f"| {name}, peak MB | {' | '.join(peaks)} | |")
         if "r0.25" in measured:
             drift = [f"{error:.4f}" for error in measured["r0.25"]]

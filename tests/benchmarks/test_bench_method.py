@@ -154,3 +154,6 @@ def test_growth_without_a_law_or_memory_has_dashes() -> None:
     measured = {"sizes": [10, 20], "cpu_seconds": [1.0, 1234.5], "peak_bytes": [None, None]}
     account = {"unit": "lobes", "methods": {"em": measured | {"law": None}}}
     assert growth.table(account).splitlines()[2:] == ["| em, CPU s | 1.00 | 1234.50 | – |"]
+    # a peak that is not known of one size is not none
+    account["methods"]["em"]["peak_bytes"] = [None, 3_000_000]
+    assert growth.table(account).splitlines()[3] == "| em, peak MB | – | 3 | |"
