@@ -20,7 +20,7 @@ from rich.console import Console
 from asglight.cli.options.parser import Parser, one_line
 from asglight.errors import InputError
 from benchmarks.results.parts import PARTS_FILE, PLACES, Part, chosen, read_parts
-from benchmarks.results.running import PartError, complaints, here, make, renamed
+from benchmarks.results.running import PartError, broken, complaints, here, make, renamed
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
             "\n".join(f"{part.name:<16}{part.minutes:>5g} min  {part.shown()}" for part in wanted)
         )
         return 0
-    if options.rename:
+    if options.rename and not broken(options.root):
         renamed(options.root, parts)
     wrong = complaints(options.root, parts)
     if options.check or options.rename or wrong:

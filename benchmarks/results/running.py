@@ -67,9 +67,22 @@ def pages(root: Path) -> list[Path]:
     return [path for pattern in PAGES for path in sorted(root.glob(pattern))]
 
 
+def broken(root: Path) -> list[str]:
+    """Return which pages have a block without its end, or an end without its block."""
+    found: list[str] = []
+    for path in pages(root):
+        try:
+            blocks(path.read_text())
+        except ValueError as error:
+            found.append(f"{path.name}: {error}")
+    return found
+
+
 def complaints(root: Path, parts: dict[str, Part]) -> list[str]:
     """Return what is wrong with the pages: numbers without a command, blocks without a part."""
-    found: list[str] = []
+    found = broken(root)
+    if found:
+        return found
     named: set[str] = set()
     for path in pages(root):
         text = path.read_text()

@@ -246,6 +246,17 @@ def test_nothing_is_run_for_a_page_that_holds_a_number_of_its_own(
     assert "status" not in said
 
 
+@pytest.mark.parametrize("option", ["--check", "--rename", "bad"])
+def test_a_block_without_an_end_is_said_in_a_line_and_nothing_is_done(
+    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = "<!-- made by: old [bad.1] -->\nx\n"
+    readme, _ = repository(tmp_path, text, "[bad]\ncommands = ['no-such-tool']\n")
+    assert run(tmp_path, option) == 1
+    assert capsys.readouterr().err == "results: README.md: bad.1: has no <!-- end -->\n"
+    assert readme.read_text() == text
+
+
 def test_commands_of_pages_follow_the_file_of_parts(tmp_path: Path) -> None:
     toml = "[moved]\ncommands = ['python -m benchmarks.new {maps}/*.exr -o {output}']\n"
     old = "<!-- made by: old [moved.1] -->\nx\n<!-- end -->\n"
