@@ -17,12 +17,14 @@ from pxr import Usd
 
 def main() -> None:
     """Open all stages of a folder."""
-    stages = sorted(Path(sys.argv[1]).glob("*.usd*"))
+    folder = Path(sys.argv[1])
+    stages = sorted(folder.glob("*.usd*"))
     with tempfile.TemporaryFile() as heard:
         kept = os.dup(2)
         os.dup2(heard.fileno(), 2)
         try:
-            findings = [finding for stage in stages for finding in opened(stage)]
+            findings = [] if stages else [f"{folder}: no stage to open"]
+            findings += [finding for stage in stages for finding in opened(stage)]
         finally:
             os.dup2(kept, 2)
         heard.seek(0)

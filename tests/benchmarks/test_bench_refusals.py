@@ -82,3 +82,9 @@ def test_a_stage_that_is_not_there_is_named_in_a_line(
 ) -> None:
     words = ["--stages", str(tmp_path / "gone.usda")]
     assert "gone.usda: no such file" in refused("stages.representations", words, capsys)
+
+
+def test_no_stage_to_open_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["opening.py", str(tmp_path / "stages")])
+    with pytest.raises(SystemExit, match="stages: no stage to open"):
+        module("stages.opening").main()
