@@ -7,6 +7,7 @@ machine serves on another; no second is ever compared with a second of another r
 """
 
 import json
+import math
 import os
 import statistics
 from collections.abc import Mapping
@@ -114,11 +115,14 @@ def read_baseline(path: Path) -> dict[str, Any]:
 
 
 def _is_whole(known: object) -> bool:
-    """Tell whether a baseline holds all that it has to of an input, in numbers."""
+    """Tell whether a baseline holds all that it has to of an input, in finite numbers."""
     if not isinstance(known, dict) or not isinstance(known.get("numbers"), dict):
         return False
-    facts = [known.get(key) for key in FACTS]
-    return all(isinstance(value, int | float) for value in (*facts, *known["numbers"].values()))
+    facts, held = [known.get(key) for key in FACTS], known["numbers"].values()
+    # nothing is worse than no number at all or one that is infinite
+    return bool(held) and all(
+        isinstance(value, int | float) and math.isfinite(value) for value in (*facts, *held)
+    )
 
 
 def check_asked(before: dict[str, Any], path: Path, asked: dict[str, Any]) -> None:

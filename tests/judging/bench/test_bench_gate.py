@@ -194,6 +194,17 @@ def test_a_file_that_is_no_baseline_is_refused(
         bench_gate.read_baseline(path)
 
 
+@pytest.mark.parametrize("numbers", [{}, {"fast, 2 lobes, env": float("inf")}])
+def test_a_baseline_that_nothing_can_be_worse_than_is_refused(
+    tmp_path: Path, before: dict[str, Any], numbers: dict[str, float]
+) -> None:
+    path = tmp_path / "b.json"
+    before["inputs"]["sky"]["numbers"] = numbers
+    path.write_text(json.dumps(before))
+    with pytest.raises(InputError, match="is a baseline with a part missing or damaged"):
+        bench_gate.read_baseline(path)
+
+
 @pytest.mark.parametrize("key", ["rows", "columns", "frames", "mean_radiance", "numbers"])
 def test_a_baseline_whose_input_lacks_a_part_is_refused(
     tmp_path: Path, before: dict[str, Any], key: str
