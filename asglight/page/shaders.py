@@ -14,9 +14,6 @@ precision highp sampler2D;"""
 """In place of `#version 410 core`. Mobile GPUs have three precisions, and a sun overflows the
 others."""
 
-PASSES = ("balls.frag", "lobes.frag", "display.frag")
-"""Those of the page."""
-
 _VERSION = re.compile(r"^\s*#\s*version\b")
 _COMMENT = re.compile(r"\s*//.*$")
 

@@ -8,9 +8,6 @@ Analytic Approximations to the CIE XYZ Color Matching Functions"; they need no t
 import torch
 from torch import Tensor
 
-LUMINOUS_EFFICACY = 683.0
-"""Lumens per watt at 555 nm: the definition of the candela."""
-
 # IEC 61966-2-1: CIE XYZ (D65) to linear RGB with the primaries of Rec.709.
 _REC709_FROM_XYZ = (
     (3.2406, -1.5372, -0.4986),

@@ -23,9 +23,6 @@ SOLAR_ILLUMINANCE = 133.3
 SUN_RADIUS = math.radians(0.53 / 2)
 """Angular radius of the sun's disc, radians."""
 
-SUN_SOLID_ANGLE = 2 * math.pi * (2 * math.sin(SUN_RADIUS / 2) ** 2)
-"""Steradians: 2 pi (1 - cos radius), written so that nothing cancels."""
-
 _SUN_TEMPERATURE = 5778.0
 _OZONE_CM = 0.35
 _WAVELENGTHS = torch.arange(380, 781, 10, dtype=torch.float64)

@@ -86,15 +86,6 @@ def test_low_sun_is_redder_than_high_sun() -> None:
     assert low[0] / low[2] > 3 * high[0] / high[2]
 
 
-def test_solid_angle_of_the_sun_is_that_of_its_cap() -> None:
-    # 1 - cos cancels eleven of sixteen digits here.
-    assert (
-        pytest.approx(2 * math.pi * (1 - math.cos(sunlight.SUN_RADIUS)), rel=1e-9)
-        == sunlight.SUN_SOLID_ANGLE
-    )
-    assert pytest.approx(6.72e-5, rel=2e-3) == sunlight.SUN_SOLID_ANGLE
-
-
 @pytest.mark.parametrize("height", [1, 7, 64, 700])
 def test_disc_keeps_its_flux_at_every_resolution(height: int) -> None:
     points, _ = discs.cap_points(_towards(0.9, math.pi), 0.05, discs.point_count(0.05, height))

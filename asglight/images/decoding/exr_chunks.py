@@ -39,7 +39,7 @@ _UNCOMPRESSED = 0
 _PIXELS = (np.dtype("<u4"), np.dtype("<f2"), np.dtype("<f4"))
 
 _MAGIC = 20000630
-_VERSION, _TILED, _LONG_NAMES, _DEEP, _PARTS = 0xFF, 0x200, 0x400, 0x800, 0x1000
+_VERSION, _TILED, _LONG_NAMES, _PARTS = 0xFF, 0x200, 0x400, 0x1000
 
 Attributes = dict[bytes, tuple[bytes, bytes]]
 """Of a part: type and value by name."""

@@ -17,7 +17,6 @@ MAP, BALL, GAP = (320, 160), 160, 10
 
 ROW, COLUMN, TOP, LEFT = 248, 908, 136, 28
 COLUMNS = 2
-SHOWN = ("env", "irr", "r0.5", "r0.25")
 NOTE = "sRGB; the map {:+.1f} stops, balls {:+.1f} stops, the same for all"
 
 

@@ -60,7 +60,6 @@ class Documents:
         question: What waits for an answer, or None.
         browser: Where a file is chosen, or None.
         has_quit: Whether the window is to close.
-        has_new_session: Whether `session` is another one; whoever shows it puts it back.
     """
 
     def __init__(self, session: Session, opener: Opener, autosaves: Path | None = None) -> None:
@@ -76,7 +75,6 @@ class Documents:
         self.question: Question | None = None
         self.browser: Browser | None = None
         self.has_quit = False
-        self.has_new_session = False
         self._opener = opener
         self._autosaves = autosaves
         self._writer = ThreadPoolExecutor(1)
@@ -276,7 +274,6 @@ class Documents:
         self.session.close()
         self.session = session
         self._autosave = self._own_autosave()
-        self.has_new_session = True
         self._kept, self._asked_for = (), None
         self._opened(path)
         self._offer()
