@@ -42,9 +42,6 @@ SEEN_SHARE = 0.02
 LIT_SHARE = 0.1
 """A track follows a lamp while it has at least this share of the lamp's flux."""
 
-FOLLOWED = 0.9
-"""Share of the frames in which one track must be within the lamp's width."""
-
 
 @dataclass(frozen=True)
 class Spots:
@@ -99,21 +96,12 @@ class Followed:
     """How a passage was followed.
 
     Attributes:
-        track: The track that was with the lamp in most frames.
-        share: In which share of the frames.
+        share: Of its frames, that in which one track, the one with the most, was with the lamp.
         frames: Frames of the passage.
-        tracks: How many tracks had the lamp's light at some time.
     """
 
-    track: str
     share: float
     frames: tuple[int, ...]
-    tracks: int
-
-    @property
-    def is_one(self) -> bool:
-        """Whether the passage is one track."""
-        return self.share >= FOLLOWED
 
 
 def passages(maps: Sequence[Tensor], count: int) -> list[Path]:
@@ -205,9 +193,7 @@ def followed(tracks: LobeTracks, passage: Path, numbers: Sequence[int]) -> Follo
     cosine = (lobes.axis_z * direction[:, None]).sum(-1).clamp(-1, 1)
     is_near = cosine.acos() <= width[:, None]  # [F, N]
     is_lit = asg.flux(lobes).sum(-1) >= LIT_SHARE * flux[:, None]
-    share = (is_near & is_lit).double().mean(0)
-    best = int(share.argmax())
-    return Followed(tracks.names[best], float(share[best]), frames, int((share > 0).sum()))
+    return Followed(float((is_near & is_lit).double().mean(0).max()), frames)
 
 
 def _seen(path: Path) -> Path:
