@@ -112,6 +112,12 @@ def map_point(test: Any, u: float, v: float) -> ImVec2:
     return ImVec2(box.min.x + u * (box.max.x - box.min.x), box.min.y + v * (box.max.y - box.min.y))
 
 
+def bar_point(test: Any, share: float) -> ImVec2:
+    """Return a point of the timeline's bar."""
+    box = test.item_info("Timeline/##bar").rect_full
+    return ImVec2(box.min.x + share * (box.max.x - box.min.x), (box.min.y + box.max.y) / 2)
+
+
 def captured(test: Any, driven: Driven, path: Path) -> np.ndarray:
     """Return the window as it is seen, in 0 to 1, through a file.  [H, W, 3]."""
     paints, driven.paints = driven.paints, True

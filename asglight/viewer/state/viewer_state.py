@@ -263,10 +263,6 @@ class ViewerState:
         solo = self.selection.solo.intersection(present)
         return tuple(n for n in present if n not in muted and (not solo or n in solo))
 
-    def lights(self, lobe: int) -> bool:
-        """Tell whether a lobe takes part."""
-        return lobe in self.lit
-
     def toggle_mute(self, *lobes: int) -> None:
         """Mute lobes, or let them light again: an edit as any other."""
         editing.toggle_mute(self.history, lobes)

@@ -15,9 +15,11 @@ from asglight.keys.lobes import as_lobes
 from asglight.keys.rectangles import Card
 from asglight.lobes import Form, Lobes, asg
 from asglight.usd.lights.colour_temperature import KELVIN_LIMITS, rgb_of, temperature_of
-from asglight.viewer.state.edits.absolute import FIELDS, colour_edit, edit_of, lamp_of
+from asglight.viewer.state.edits.absolute import colour_edit, edit_of, lamp_of
 from asglight.viewer.state.edits.applying import apply
 from asglight.viewer.state.edits.edit import Span
+
+FIELDS = ("azimuth", "elevation", "roll", "width", "height", "intensity")
 
 FLOAT32_DEG = 2e-4
 """Degrees: a float32 axis is known to 1e-7, and near the zenith azimuth and roll to a thousandth of

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from usd_tracks import moving
+from usd_tracks import beginning, moving
 
 from asglight.lobes import LobeTracks
 from asglight.viewer.state.edits import acting, carrying
@@ -23,10 +23,6 @@ ORDER = [3, 1, 0]
 """Of a stage: by energy, and lobe 2 is left out."""
 
 
-def first(tracks: LobeTracks, count: int) -> LobeTracks:
-    return replace(tracks, frames=tracks.frames[:count], lobes=tracks.lobes[:count])
-
-
 def reordered(tracks: LobeTracks) -> LobeTracks:
     return replace(tracks, lobes=tracks.lobes.select(torch.tensor(ORDER)), names=())
 
@@ -35,7 +31,7 @@ def reordered(tracks: LobeTracks) -> LobeTracks:
 def test_edits_and_selection_go_with_their_lights_to_the_stage_that_is_written(count: int) -> None:
     """After two frames of eight, the others of which are black, as after all."""
     running = moving(FRAMES, lobes=4)
-    state = ViewerState(padded(first(running, count), FRAMES))
+    state = ViewerState(padded(beginning(running, count), FRAMES))
     state.history.add(scale_amplitude(0, None, 1.0), scale_amplitude(2, None, 1.0))
     state.history.add(Mute(3))
     state.history.add(Rename(1, "window"))
@@ -77,7 +73,7 @@ def test_frames_that_come_move_nothing_and_are_not_matched(
 ) -> None:
     monkeypatch.setattr(carrying, "same_lobes", None)
     running = moving(FRAMES, lobes=4)
-    tracks = [padded(first(running, count), FRAMES) for count in range(1, 9)]
+    tracks = [padded(beginning(running, count), FRAMES) for count in range(1, 9)]
     for before, after in itertools.pairwise(tracks):
         assert places_in(after, before).moved is None
 

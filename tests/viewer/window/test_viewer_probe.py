@@ -7,15 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from imgui_bundle import ImVec2, imgui
-from windows import Drive, Driven, captured
+from windows import Drive, Driven, captured, map_point
 
 from asglight.viewer.state.map_frame import ZOOM_MAX, MapFrame
-
-
-def at(test: Any, u: float, v: float) -> ImVec2:
-    """Return a place of the panel of the map."""
-    box = test.item_info("Map/##map").rect_full
-    return ImVec2(box.min.x + u * (box.max.x - box.min.x), box.min.y + v * (box.max.y - box.min.y))
 
 
 def test_what_is_under_the_pointer_stays_there_while_zooming() -> None:
@@ -42,7 +36,7 @@ def test_the_wheel_zooms_and_a_click_still_selects_what_is_under_it(drive: Drive
     def script(test: Any, driven: Driven) -> None:
         state = driven.state
         state.select(None)
-        test.mouse_move_to_pos(at(test, 0.25, 0.25))  # the green lamp
+        test.mouse_move_to_pos(map_point(test, 0.25, 0.25))  # the green lamp
         test.mouse_wheel_y(6)
         test.yield_(2)
         assert state.map_frame.zoom == pytest.approx(1.25**6)
@@ -54,7 +48,7 @@ def test_the_wheel_zooms_and_a_click_still_selects_what_is_under_it(drive: Drive
         assert state.selection.lobe == 0
         # a drag by the middle button takes the map along
         test.mouse_down(2)
-        test.mouse_move_to_pos(at(test, 0.5, 0.5))
+        test.mouse_move_to_pos(map_point(test, 0.5, 0.5))
         test.mouse_up(2)
         test.yield_(2)
         assert state.probe is not None
@@ -76,7 +70,7 @@ def test_a_zoomed_map_shows_its_part_larger(drive: Drive, tmp_path: Path) -> Non
             test.mouse_move_to_pos(ImVec2(5, 5))
             test.yield_(3)
             pixels = captured(test, driven, tmp_path / "map.png")
-            low, high = at(test, 0, 0), at(test, 1, 1)
+            low, high = map_point(test, 0, 0), map_point(test, 1, 1)
             part = pixels[int(low.y) : int(high.y), int(low.x) : int(high.x)]
             shown.append((part[..., 1] > 0.4).sum())  # texels of the green lamp
         assert shown[1] / shown[0] == pytest.approx(16, rel=0.15)
@@ -89,11 +83,11 @@ def test_a_pinned_probe_stays_and_its_numbers_can_be_copied(drive: Drive) -> Non
         state = driven.state
         test.key_press(int(imgui.Key.y))
         assert state.message.startswith("Nothing is probed yet.")
-        test.mouse_move_to_pos(at(test, 0.25, 0.25))
+        test.mouse_move_to_pos(map_point(test, 0.25, 0.25))
         test.yield_(2)
         test.key_press(int(imgui.Key.y))
         pinned = state.probe
-        test.mouse_move_to_pos(at(test, 0.75, 0.75))
+        test.mouse_move_to_pos(map_point(test, 0.75, 0.75))
         test.yield_(2)
         assert state.probe == pinned
         assert state.inspected is not None
@@ -113,7 +107,7 @@ def test_a_pinned_probe_stays_and_its_numbers_can_be_copied(drive: Drive) -> Non
         assert state.inspected.fit is not None
         assert state.inspected.fit[1] < 0.1
         test.item_click("Inspector/###pin")
-        test.mouse_move_to_pos(at(test, 0.75, 0.75))
+        test.mouse_move_to_pos(map_point(test, 0.75, 0.75))
         test.yield_(2)
         assert state.probe != pinned
 

@@ -10,7 +10,7 @@ import moderngl
 import numpy as np
 import pytest
 from imgui_bundle import ImVec2, imgui
-from windows import Drive, Driven, captured
+from windows import Drive, Driven, bar_point, captured
 
 from asglight.lobes import LobeTracks
 from asglight.viewer import running
@@ -22,12 +22,6 @@ from asglight.viewer.state.time.playback import Pace
 from asglight.viewer.state.viewer_state import ViewerState
 from asglight.viewer.state.views import Theme
 from asglight.viewer.window import Window
-
-
-def bar_point(test: Any, share: float) -> ImVec2:
-    """Return a point of the timeline's bar."""
-    box = test.item_info("Timeline/##bar").rect_full
-    return ImVec2(box.min.x + share * (box.max.x - box.min.x), (box.min.y + box.max.y) / 2)
 
 
 def test_scrubbing_shows_the_frame_under_the_mouse_while_it_is_dragged(drive: Drive) -> None:

@@ -42,7 +42,3 @@ class ReferenceCache:
     def take(self, key: Hashable) -> Accumulation | None:
         """Hand a picture over, or return None."""
         return self._held.pop(key, None)
-
-    def clear(self) -> None:
-        """Drop all pictures."""
-        self._held.clear()

@@ -26,8 +26,6 @@ from asglight.viewer.state.edits import rectangles
 from asglight.viewer.state.edits.edit import LOG2_MAX, TINT_MIN, Edit, Span
 from asglight.viewer.uniforms.outlines import half_angles
 
-FIELDS = ("azimuth", "elevation", "roll", "width", "height", "intensity")
-
 GRID = 129
 """Sharpnesses that are tried at a time: after two rounds the step is 1e-3 of an octave."""
 

@@ -32,11 +32,6 @@ class TimeSpan:
         """Frames that are shown."""
         return self.end - self.begin
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether all of the shot is shown."""
-        return (self.begin, self.end) == self._all
-
     def show_all(self) -> None:
         """Show all of the shot."""
         self.begin, self.end = self._all
