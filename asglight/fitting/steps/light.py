@@ -67,24 +67,6 @@ def solve_amplitudes(shown: Images, frame: objective.Target, still: Tensor | Non
     return replace(shown, lobes=lobes)
 
 
-def leave_one_out_costs(shown: Images, frame: objective.Target) -> Tensor:
-    """Return how much J grows, to second order, when a lobe goes and others' light makes up for it.
-
-    Args:
-        shown: The lobes on the adaptive cells.
-        frame: The maps and their weights.
-
-    Returns:
-        a_i^2 / (2 (G^-1)_ii), channels summed [Hassibi and Stork 1993].  [F, N]
-    """
-    gram, _ = _normal_equations(shown, frame)
-    scale = torch.diagonal(gram, dim1=-2, dim2=-1).clamp(min=1e-300).rsqrt()
-    scaled = gram * scale[..., :, None] * scale[..., None, :]
-    ridged = scaled + RIDGE * torch.eye(scaled.shape[-1]).to(scaled)
-    alone = torch.diagonal(torch.linalg.inv(ridged), dim1=-2, dim2=-1) * scale.square()
-    return 0.5 * shown.lobes.amplitude.double().square().sum(-1) / alone
-
-
 def _normal_equations(shown: Images, frame: objective.Target) -> tuple[Tensor, Tensor]:
     """Return the Gauss-Newton matrix of the light of any channel, and J's slope, in float64.
 

@@ -201,31 +201,6 @@ def test_lobes_that_stay_keep_their_light_and_the_others_make_up_for_it() -> Non
     assert torch.equal(kept, begun.amplitude)
 
 
-def test_leave_one_out_costs_are_what_the_majoriser_grows_by() -> None:
-    """Found by solving the reweighted problem without each lobe."""
-    lobes = lamps([(0, 0, 1), (0.3, 0, 1), (0, 1, 0)], [20.0, 20.0, 2.0], [3.0, 2.0, 0.5])
-    maps = texels.texel_means(lobes, 32, 64)[None] + 0.01
-    frame = target(flat(maps))
-    seen = lobe_images.images(lobes[None], frame.places)
-    found = light.leave_one_out_costs(seen, frame)[0]
-    values = (seen.values * seen.scale[..., None])[0].double()
-    views = probes.probe(to_cells(values.float(), frame.places), frame.places.rows).double()
-    loss_gradient = objective.loss_gradient(seen.radiance, frame)
-    weight = loss_gradient.env_weight[0].double(), loss_gradient.view_weight[0].double()
-    gram = sum((x * w) @ x.mT for x, w in zip((values, views), weight, strict=True))
-    amplitude = lobes.amplitude.double()
-    for gone in range(3):
-        rest = [k for k in range(3) if k != gone]
-        # the least of a^T G a / 2 over what the others do for the change that takes the lobe away
-        change = torch.zeros(3, 3, dtype=DOUBLE)
-        change[gone] = -amplitude[gone]
-        change[rest] = torch.linalg.solve(
-            gram[rest][:, rest], gram[rest][:, [gone]] * amplitude[gone]
-        )
-        grown = 0.5 * float((change * (gram @ change)).sum())
-        assert float(found[gone]) == pytest.approx(grown, rel=1e-3)
-
-
 def test_a_matrix_that_no_ridge_makes_definite_leaves_the_light() -> None:
     gram = torch.tensor([[1.0, 9.0], [9.0, 1.0]], dtype=DOUBLE)  # no sum of squares
     near = torch.tensor([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], dtype=DOUBLE)
