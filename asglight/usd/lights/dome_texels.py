@@ -97,25 +97,17 @@ class _Shared:
     flux: Tensor
 
 
-def interpolated(lobes: Lobes, height: int) -> Tensor:
-    """Return texels that show the lobes where a renderer interpolates between them.
-
-    Args:
-        lobes: N lobes of one frame.  [N, .]
-        height: Rows; there are twice as many columns.
-
-    Returns:
-        Linear RGB radiance, float32.  [H, 2H, 3]
-    """
-    return images(lobes[None], height)[0]()
-
-
 def images(lobes: Lobes, height: int) -> list[Callable[[], Tensor]]:
     """Return for each frame what computes its texels; all lobes are narrowed together before.
 
+    The texels show the lobes where a renderer interpolates between them.
+
     Args:
         lobes: N lobes of F frames.  [F, N, .]
-        height: As of `interpolated`, whose result each returns.
+        height: Rows; there are twice as many columns.
+
+    Returns:
+        For each frame what returns linear RGB radiance, float32.  [H, 2H, 3]
     """
     count, lobe_count = lobes.sharpness.shape[:2]
     frame = torch.arange(count).repeat_interleave(lobe_count)

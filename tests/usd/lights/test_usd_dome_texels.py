@@ -28,6 +28,11 @@ PLACES = {
 """Of the lobe's axis, in rows and columns from the first texel's corner."""
 
 
+def interpolated(lobes: Lobes, height: int) -> torch.Tensor:
+    """Return the texels of one frame.  [H, 2H, 3]."""
+    return dome_texels.images(lobes[None], height)[0]()
+
+
 def direction(row: float, column: float) -> torch.Tensor:
     """Return where a place of the image is; texel centres are at halves.  [3]."""
     lat, lon = math.pi * (0.5 - row / HEIGHT), math.pi * (1 - column / HEIGHT)
@@ -92,7 +97,7 @@ def test_what_is_shown_has_the_lobes_moments(
     form: Form, sigmas: tuple[float, float], place: str
 ) -> None:
     one = lobe(place, *sigmas, form)
-    directions, flux = shown(dome_texels.interpolated(one, HEIGHT))
+    directions, flux = shown(interpolated(one, HEIGHT))
     # cos(latitude) over a tent of 2.8 degrees: 2e-4, and float32
     np.testing.assert_allclose(flux.sum(0), asg.flux(one)[0].numpy(), rtol=5e-4)
     local = directions @ one.axes[0].numpy().T
@@ -110,7 +115,7 @@ def test_what_is_shown_has_the_lobes_moments(
 @pytest.mark.parametrize("form", Form)
 def test_a_point_keeps_flux_and_direction(form: Form, place: str) -> None:
     one = lobe(place, 0.1, 0.1, form)
-    image = dome_texels.interpolated(one, HEIGHT)
+    image = interpolated(one, HEIGHT)
     assert float(image.min()) >= 0
     directions, flux = shown(image)
     np.testing.assert_allclose(flux.sum(0), asg.flux(one)[0].numpy(), rtol=5e-4)
@@ -126,7 +131,7 @@ def test_a_point_keeps_flux_and_direction(form: Form, place: str) -> None:
 def test_a_point_in_the_middle_of_a_texel_is_that_texel() -> None:
     axes = axes_around(direction(20.5, 40.5)[None])
     one = Lobes(axes, torch.full((1, 2), 1e6).double(), torch.ones(1, 3).double())
-    image = dome_texels.interpolated(one, HEIGHT)[..., 0]
+    image = interpolated(one, HEIGHT)[..., 0]
     # a lobe of 0.04 degrees reaches the neighbours by a hundredth
     assert float(image[20, 40]) > 0.95 * float(image.sum())
 
@@ -138,14 +143,14 @@ def test_lobes_of_all_widths_add_up() -> None:
         for parts in zip(*((o.axes, o.sharpness, o.amplitude) for o in lobes), strict=True)
     )
     together = Lobes(axes, sharpness, amplitude)
-    apart = sum(dome_texels.interpolated(one, HEIGHT) for one in lobes)
-    torch.testing.assert_close(dome_texels.interpolated(together, HEIGHT), apart)
+    apart = sum(interpolated(one, HEIGHT) for one in lobes)
+    torch.testing.assert_close(interpolated(together, HEIGHT), apart)
 
 
 @pytest.mark.parametrize("sigma", [0.3, 1.0, 4.0, 12.0])
 def test_sg_lobes_keep_flux_and_spread(sigma: float) -> None:
     one = lobe("quarter", sigma, sigma, Form.SG)
-    directions, flux = shown(dome_texels.interpolated(one, HEIGHT))
+    directions, flux = shown(interpolated(one, HEIGHT))
     np.testing.assert_allclose(flux.sum(0), asg.flux(one)[0].numpy(), rtol=5e-4)
     share = flux[:, 0] / flux[:, 0].sum()
     exact = asg.moments(one)
@@ -176,7 +181,7 @@ def test_texels_of_broad_lobes_are_the_narrowed_lobes_at_the_centres(
     narrowed = lobes if form is Form.SG else dome_texels.narrowed(lobes, texel, dome_texels.TENT)
     centres = latlong.directions(height, 2 * height, dtype=torch.float64).view(-1, 3)
     wanted = asg.evaluate(narrowed, centres).view(height, 2 * height, 3)
-    found = dome_texels.interpolated(lobes, height).double()
+    found = interpolated(lobes, height).double()
     error = (found - wanted).abs()
     assert float((error / wanted.clamp(min=1e-3)).max()) < 1e-5
     assert float(error.max() / wanted.max()) < 2e-6
@@ -192,7 +197,7 @@ def test_frames_are_what_each_of_them_is_alone() -> None:
     alone = [lobes_together(row) for row in frames]
     together = dome_texels.images(stack(alone), HEIGHT)
     for lobes, image in zip(alone, together, strict=True):
-        assert torch.equal(image(), dome_texels.interpolated(lobes, HEIGHT))
+        assert torch.equal(image(), interpolated(lobes, HEIGHT))
 
 
 def lobes_together(parts: list[Lobes]) -> Lobes:
