@@ -53,11 +53,6 @@ class LatlongImage:
         """Return the file it was read from."""
         return self.header.path
 
-    @property
-    def converted_from(self) -> str | None:
-        """Return the name of the file's space where it was not linear Rec.709."""
-        return None if self.header.colour.is_rec709 else self.header.colour.name
-
 
 def read_latlong(
     path: str | Path,

@@ -88,7 +88,7 @@ def test_file_with_other_primaries_is_converted_and_says_so(tmp_path: Path) -> N
     )
     image = read_latlong(path)
     expected = values @ colour.to_rec709(colour.KNOWN["ACEScg (AP1)"]).T
-    assert image.converted_from == "ACEScg (AP1)"
+    assert image.header.colour.name == "ACEScg (AP1)"
     # float32 chromaticities in the file
     np.testing.assert_allclose(image.radiance.numpy(), expected, rtol=1e-5)
 
@@ -98,7 +98,7 @@ def test_file_that_states_rec709_is_left_alone(tmp_path: Path, white: tuple[floa
     values = image_files.ramp()
     stated = (*colour.REC709[:6], *white)
     image = read_latlong(image_files.write_rgb(tmp_path / "a.exr", values, chromaticities=stated))
-    assert image.converted_from is None
+    assert image.header.colour.is_rec709
     np.testing.assert_array_equal(image.radiance.numpy(), values)
 
 
@@ -106,13 +106,14 @@ def test_colour_interop_id_is_heeded_where_no_numbers_are(tmp_path: Path) -> Non
     path = image_files.write_rgb(
         tmp_path / "id.exr", image_files.ramp(), colorInteropID="lin_ap1_scene"
     )
-    assert read_latlong(path).converted_from == "ACEScg"
+    assert read_latlong(path).header.colour.name == "ACEScg"
 
 
 def test_unnamed_primaries_are_named_by_their_numbers(tmp_path: Path) -> None:
     stated = (0.7, 0.3, 0.2, 0.75, 0.1, 0.05, 0.3457, 0.3585)
     path = image_files.write_rgb(tmp_path / "a.exr", image_files.ramp(), chromaticities=stated)
-    assert read_latlong(path).converted_from == "primaries 0.7 0.3 0.2 0.75 0.1 0.05 0.3457 0.3585"
+    found = read_latlong(path).header.colour.name
+    assert found == "primaries 0.7 0.3 0.2 0.75 0.1 0.05 0.3457 0.3585"
 
 
 def test_nan_stays_one_texel_and_negatives_are_judged_in_rec709(

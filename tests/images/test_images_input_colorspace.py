@@ -45,7 +45,7 @@ def test_an_image_that_states_nothing_is_what_the_user_says(name: str, tmp_path:
     # the last printed digit of three terms
     expected = values() @ np.array(PUBLISHED[name]).T
     np.testing.assert_allclose(image.radiance.numpy(), expected, rtol=2e-4)
-    assert image.converted_from is not None
+    assert not image.header.colour.is_rec709
 
 
 def test_the_names_of_one_space_mean_the_same(tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_the_user_knows_better_than_the_file(stated: str, tmp_path: Path) -> Non
     np.testing.assert_array_equal(found, wanted)
     image = read_latlong(path, reading=ReadOptions(colorspace="Rec.709"))
     np.testing.assert_array_equal(image.radiance.numpy(), values())
-    assert image.converted_from is None
+    assert image.header.colour.is_rec709
 
 
 def test_a_sequence_reads_every_frame_so(tmp_path: Path) -> None:

@@ -110,7 +110,7 @@ def test_a_rig_elsewhere_in_other_units_and_colours_shows_the_same(tmp_path: Pat
     assert np.linalg.norm(middle) == pytest.approx(1e5, rel=1e-6)
     # the rest states ACEScg, so that it is read as what it was
     rest = read_latlong(judge.rest_image(stage, FRAMES[0]))
-    assert rest.converted_from is not None
+    assert not rest.header.colour.is_rec709
     keys = read_keys(path)
     assert keys is not None
     assert keys.tracks is not None
