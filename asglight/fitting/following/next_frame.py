@@ -27,6 +27,7 @@ from asglight.fitting.first_frame.fit import (
 )
 from asglight.fitting.following import slots
 from asglight.fitting.following.pull_in import pulled_in, re_detected, responsibilities
+from asglight.fitting.following.relocation import COST as RELOCATION_COST
 from asglight.fitting.following.relocation import Relocation, relocated
 from asglight.fitting.following.trials import TrialSettings
 from asglight.fitting.loss import lobe_images, objective, temporal
@@ -142,7 +143,7 @@ def fit_next_frame(
     outcome = stepped(outcome, coarse, settings.coarse, prior, width_min)
     known = before.replaced(tracks, outcome.lobes[0])
     levels, stays = settings.whole, torch.ones_like(tracks, dtype=torch.bool)
-    if float(outcome.value) > settings.relocation.cost:  # a trial cannot lower it by more
+    if float(outcome.value) > RELOCATION_COST:  # a trial cannot lower it by more
         competing = replace(coarse, corners=levels[-1].corners)
         limits = count, int(free.sum()), width_min
         lobes, stays = relocated(outcome, own, competing, *limits, settings.relocation)

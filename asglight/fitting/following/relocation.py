@@ -33,6 +33,14 @@ LACKING_SHARE = 5e-3
 SHARPNESS = 60.0
 """Of a lobe put there: sigma = 5 degrees, about the probe that found the direction."""
 
+COST = 0.002
+"""What a light that begins or ends costs: a trial must lower J by more. Under a slow sky a tenth of
+it lets lights come and go for nothing that is seen, and flicker."""
+
+GAIN = 0.02
+"""Share of J by which a trial must lower J as well: under noise J is large, and all trials gain
+something."""
+
 
 @dataclass(frozen=True)
 class Relocation:
@@ -42,17 +50,11 @@ class Relocation:
         rounds: Lobes relocated, at most.
         trial: Steps of each trial, and the lobes that take them.
         splits: Halves that compete in a round.
-        cost: What a light that begins or ends costs: a trial must lower J by more. Under a slow sky
-            a tenth of it lets lights come and go for nothing that is seen, and flicker.
-        gain: Share of J by which it must lower J as well: under noise J is large, and all trials
-            gain something.
     """
 
     rounds: int
     trial: TrialSettings
     splits: int = 2
-    cost: float = 0.002
-    gain: float = 0.02
 
 
 def relocated(
@@ -95,7 +97,7 @@ def relocated(
             damping=start.damping,
         )
         stayed = float(value[0])
-        if float(value[1:].min()) > stayed - max(settings.cost, settings.gain * stayed):
+        if float(value[1:].min()) > stayed - max(COST, GAIN * stayed):
             break
         others, new = found[int(value.argmin())].split(own.count)
         best = joined(best.replaced(lit, others), new)
