@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tables of `measure.py`, as Markdown."""
 
-from collections.abc import Iterable, Sequence
 from typing import Any
 
 from asglight.judging.motion import between
+from benchmarks.fits.tables import markdown
 
 AT_FRAMES = ("irr", "r0.5", "r0.25")
 
@@ -18,7 +18,7 @@ def tables(found: dict[str, Any]) -> str:
         for way in between.WAYS
     ]
     header = ["half-way between frames", "as", *between.METRICS]
-    above = _markdown(header, rows)
+    above = markdown(header, rows)
     note = "In brackets: over the fits dissolved; of flux, the difference from them."
     at = [
         [f"{name}, {preset}", *_frame_cells(one)]
@@ -27,7 +27,7 @@ def tables(found: dict[str, Any]) -> str:
     ]
     header = ["at the frames", "flicker / EM", *AT_FRAMES, "CPU s", "samples", "between", "kB"]
     header.append("passages followed")
-    return f"{above}\n\n{note}\n\n{_markdown(header, at)}"
+    return f"{above}\n\n{note}\n\n{markdown(header, at)}"
 
 
 def _cells(account: dict[str, Any], way: str) -> list[str]:
@@ -54,8 +54,3 @@ def _frame_cells(account: dict[str, Any]) -> list[str]:
         f"{account['bytes'] / 1000:.0f}",
         " ".join(f"{one['share']:.2f}" for one in account["passages"]) or "none",
     ]
-
-
-def _markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
