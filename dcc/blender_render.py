@@ -99,7 +99,7 @@ def add_row(scene: bpy.types.Scene, roughnesses: list[float | None]) -> None:
     """Add white balls side by side."""
     count = len(roughnesses)
     for index, roughness in enumerate(roughnesses):
-        add_ball(scene, 2 * RADIUS * (index - (count - 1) / 2), roughness)
+        add_ball(2 * RADIUS * (index - (count - 1) / 2), roughness)
 
 
 def row_pictures(
@@ -123,7 +123,7 @@ def facing(scene: bpy.types.Scene) -> dict[str, np.ndarray]:
     Returns:
         Names [N]; directions to the lights [N, 3]; what the patch shows times pi [N, 3].
     """
-    add_ball(scene, 0.0, None)
+    add_ball(0.0, None)
     lights = sorted((o for o in scene.objects if o.type == "LIGHT"), key=lambda o: o.name)
     directions, shown = [], []
     for light in lights:
@@ -143,7 +143,7 @@ def to_blender(directions: np.ndarray) -> np.ndarray:
     return np.stack([directions[..., 0], -directions[..., 2], directions[..., 1]], axis=-1)
 
 
-def add_ball(scene: bpy.types.Scene, place: float, roughness: float | None) -> None:
+def add_ball(place: float, roughness: float | None) -> None:
     """Add a white ball at (place, 0, 0) that no ray but the camera's meets."""
     bpy.ops.mesh.primitive_ico_sphere_add(
         subdivisions=SUBDIVISIONS, radius=RADIUS, location=(place, 0, 0)

@@ -167,7 +167,7 @@ def _child(
             for data in files:
                 _write(path, data)
                 signal.alarm(SECONDS_MAX)
-                result, edges = _one(reader, read, path)
+                result, edges = _one(read, path)
                 signal.alarm(0)
                 new = [edge for edge in edges if edge not in seen]
                 line = json.dumps(asdict(result) | {"edges": new})
@@ -187,7 +187,7 @@ def _write(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def _one(reader: Reader, read: Read, path: Path) -> tuple[Result, set[tuple[str, int, int]]]:
+def _one(read: Read, path: Path) -> tuple[Result, set[tuple[str, int, int]]]:
     before = _peak()
     tracer = _Tracer()
     sys.settrace(tracer.enter)

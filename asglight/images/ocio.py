@@ -49,12 +49,11 @@ ALIASES = {
 """Names that people use and the config lacks, in lower case."""
 
 
-def interop_id(name: str, option: str = "colorspace") -> str:
+def interop_id(name: str) -> str:
     """Return the Color Interop ID of a linear space that a stage can name, whatever it is called.
 
     Args:
         name: A name of `NAMES`, of asglight.images.colour, or another that OpenColorIO has for it.
-        option: What it is the value of, for the message.
 
     Raises:
         InputError: OpenColorIO knows no such space, or it is not one of `NAMES`.
@@ -68,7 +67,7 @@ def interop_id(name: str, option: str = "colorspace") -> str:
         if known == found:
             return space
     raise InputError(
-        f"{option}: {shown(name) or 'empty'}; expected a linear space with primaries: "
+        f"colorspace: {shown(name) or 'empty'}; expected a linear space with primaries: "
         f"{', '.join(NAMES.values())}, or another name that OpenColorIO has for one of them."
     )
 

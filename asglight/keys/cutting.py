@@ -152,7 +152,7 @@ def filled(radiance: Array, holes: Mask, grid: Grid) -> Array:
     found = radiance.copy()
     if not holes.any() or holes.all():
         return found
-    mesh = _Mesh.of(holes, grid)
+    mesh = _Mesh.of(holes)
     known = _dimmed(radiance, holes).reshape(holes.size, -1)
     dark = DARK * np.median(known[mesh.rim], axis=0) + np.finfo(np.float32).tiny
     luminance, grey = known.mean(-1, keepdims=True), float(dark.mean())
@@ -183,7 +183,7 @@ class _Mesh:
     area: Array
 
     @classmethod
-    def of(cls, holes: Mask, grid: Grid) -> "_Mesh":
+    def of(cls, holes: Mask) -> "_Mesh":
         """Return the mesh of some holes."""
         height, width = holes.shape
         wide = holes | (_neighbours(holes.astype(int)) > 0).any(0)

@@ -31,8 +31,7 @@ def fit(
     reference: Tensor,
     floats: int,
     *,
-    steps: int = STEPS,
-    seed: int = 0,
+    steps: int,
     on_step: Callable[[int], None] | None = None,
 ) -> LobeSum:
     """Fit as many lobes as the budget holds.
@@ -41,13 +40,12 @@ def fit(
         reference: Repaired radiance.  [H, W, 3]
         floats: Budget, 6 or more.
         steps: Adam steps.
-        seed: Of the start.
         on_step: Called with the number of each step when it is done.
     """
     height, width, _ = reference.shape
     directions = latlong.directions(height, width).reshape(-1, 3)
     wanted = reference.reshape(-1, 3)
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(0)
     raw = torch.randn(floats // LOBE_FLOATS[Form.SG], 7, generator=generator)
     raw[:, 3] *= SHARPNESS_START
     raw.requires_grad_(True)

@@ -27,7 +27,7 @@ CONCENTRATION_MIN = 1e-2
 """An even sphere to a percent; the closed form divides by it."""
 
 
-def fit(reference: Tensor, count: int, steps: int = STEPS) -> Lobes:
+def fit(reference: Tensor, count: int) -> Lobes:
     """Fit isotropic lobes to a map.
 
     Starts from Fibonacci axes whose densities just overlap.
@@ -35,7 +35,6 @@ def fit(reference: Tensor, count: int, steps: int = STEPS) -> Lobes:
     Args:
         reference: Repaired radiance, with some light in it.  [H, W, 3]
         count: N.
-        steps: EM iterations.
 
     Returns:
         Lobes of the sg form with the flux of the map.  [N, .]
@@ -49,7 +48,7 @@ def fit(reference: Tensor, count: int, steps: int = STEPS) -> Lobes:
     concentration = torch.full((count,), float(count))
     share = torch.full((count,), 1 / count)
     taken = torch.empty(0)
-    for _ in range(steps):
+    for _ in range(STEPS):
         taken = _expectation(directions, axis_z, concentration, share)
         axis_z, concentration, share = _maximisation(directions, weight, taken)
     lobes = Lobes(

@@ -44,9 +44,7 @@ def read_ahead(sequence: Sequence, frames: list[int]) -> Generator[ReadFrame]:
     return ahead(partial(read_unchanging, sequence), frames)
 
 
-def ahead(
-    read: Callable[[int], _Image], frames: list[int], readers: int | None = None
-) -> Generator[_Image]:
+def ahead(read: Callable[[int], _Image], frames: list[int]) -> Generator[_Image]:
     """Call a function for frames in order in threads, some beyond the frame in use.
 
     It begins with one frame ahead. Whenever the caller has to wait for a frame, one more is read
@@ -56,12 +54,11 @@ def ahead(
     Args:
         read: Returns a frame; called in several threads.
         frames: The frames.
-        readers: Threads; None for one a core, at most READERS_MAX.
 
     Raises:
         InputError: What the function raises is raised when the frame's turn comes.
     """
-    readers = readers or min(cores(), READERS_MAX)
+    readers = min(cores(), READERS_MAX)
     limit, coming = 1, deque(frames)
     with ThreadPoolExecutor(readers, "asglight-read") as pool:
         pending: deque[Future[_Image]] = deque()

@@ -7,12 +7,7 @@ import torch
 from torch import Tensor
 
 
-def fibonacci_directions(
-    count: int,
-    *,
-    dtype: torch.dtype = torch.float32,
-    device: torch.device | str | None = None,
-) -> Tensor:
+def fibonacci_directions(count: int, *, dtype: torch.dtype = torch.float32) -> Tensor:
     """Return `count` directions on a golden-angle spiral from +Y to -Y, each of equal area.
 
     Heights are (i + 1/2) / count, turns are multiples of the golden angle
@@ -26,4 +21,4 @@ def fibonacci_directions(
     turn = math.pi * (3 - math.sqrt(5)) * index
     radius = (1 - y * y).sqrt()
     spiral = torch.stack([radius * torch.cos(turn), y, radius * torch.sin(turn)], dim=-1)
-    return spiral.to(dtype=dtype, device=device)
+    return spiral.to(dtype)

@@ -50,9 +50,9 @@ def command(*words: object) -> tuple[int, str, str]:
     return status, output.getvalue(), errors.getvalue()
 
 
-def exr(path: Path, part: int = 0) -> np.ndarray:
-    """Read R, G, B of a part with the package OpenEXR.  [H, W, 3]."""
-    return OpenEXR.File(str(path)).parts[part].channels["RGB"].pixels.astype(np.float64)
+def exr(path: Path) -> np.ndarray:
+    """Read R, G, B of the first part with the package OpenEXR.  [H, W, 3]."""
+    return OpenEXR.File(str(path)).parts[0].channels["RGB"].pixels.astype(np.float64)
 
 
 def rgbe(path: Path) -> np.ndarray:

@@ -21,7 +21,7 @@ from asglight.sphere import latlong
 from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.context import describe, standalone_context
 from asglight.viewer.gl.reference.reference_pass import ReferencePass
-from asglight.viewer.state.balls import Ball, ball_row
+from asglight.viewer.state.balls import ball_row
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))
 import ball_truth
@@ -94,19 +94,17 @@ def _truth(radiance: np.ndarray) -> list[np.ndarray]:
 
 def _pictures(reference: ReferencePass, radiance: np.ndarray) -> Iterator[list[np.ndarray]]:
     """Yield the balls at each number of samples."""
-    _begin(reference, radiance, SIZE, ROW)
+    _begin(reference, radiance, SIZE)
     for samples in SAMPLES:
         reference.accumulate(samples - reference.samples)
         image = _read_back(reference)
         yield [image[:, i * SIZE : (i + 1) * SIZE] for i in range(len(ROW))]
 
 
-def _begin(
-    reference: ReferencePass, radiance: np.ndarray, size: int, balls: tuple[Ball, ...]
-) -> None:
+def _begin(reference: ReferencePass, radiance: np.ndarray, size: int) -> None:
     reference.set_map(radiance.astype(np.float32))
-    cells = [(i * size, 0, size) for i in range(len(balls))]
-    reference.restart(balls, np.eye(3), cells, (size * len(balls), size))
+    cells = [(i * size, 0, size) for i in range(len(ROW))]
+    reference.restart(ROW, np.eye(3), cells, (size * len(ROW), size))
 
 
 def _read_back(reference: ReferencePass) -> np.ndarray:
@@ -121,7 +119,7 @@ def _l1(found: np.ndarray, truth: np.ndarray) -> float:
 
 def _cost(context: moderngl.Context, reference: ReferencePass, path: Path) -> tuple[float, float]:
     radiance = read_latlong(path).radiance.float().numpy()
-    _begin(reference, radiance, COST_SIZE, ROW)
+    _begin(reference, radiance, COST_SIZE)
     reference.accumulate(16)
     context.finish()
     start = time.process_time()

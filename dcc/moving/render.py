@@ -39,7 +39,7 @@ def main(path: str) -> None:
         if made.world is not None:
             made.world.cycles.sampling_method = "MANUAL"
             made.world.cycles.sample_map_resolution = 4 * job["rows"]
-        blender_render.add_ball(made, 0.0, scene.MATERIALS[MATTE])
+        blender_render.add_ball(0.0, scene.MATERIALS[MATTE])
         pictures = []
         for time in job["times"]:
             made.frame_set(math.floor(time), subframe=time - math.floor(time))

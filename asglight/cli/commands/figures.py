@@ -292,7 +292,7 @@ def draw_forms(arguments: argparse.Namespace, shot: Shot, plan: Plan, report: Re
     title = f"{shot.name}: isotropic against anisotropic lobes, ours (fast)"
     foot = "bold: best of the four. A bingham lobe has a twin on the other side of the sphere."
     figure = sheets.draw_sheet(title, lines, foot, theme_of(arguments))
-    return figure, captions.forms_caption(still, plan), [row.as_json() for row in still.rows]
+    return figure, captions.forms_caption(still), [row.as_json() for row in still.rows]
 
 
 def draw_time(arguments: argparse.Namespace, shot: Shot, plan: Plan, report: Reporter) -> Drawn:

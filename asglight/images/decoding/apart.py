@@ -105,25 +105,22 @@ class Apart:
         except BrokenPipeError as error:
             raise ApartError(self._end()) from error
 
-    def reply(self, time_limit: float = TIME_LIMIT) -> dict[str, Any]:
-        """Wait for a line and return it.
-
-        Args:
-            time_limit: Seconds to wait.
+    def reply(self) -> dict[str, Any]:
+        """Wait for a line, at most `TIME_LIMIT`, and return it.
 
         Raises:
             ApartError: The process died, or said nothing until then.
             RuntimeError: It met a bug.
         """
         assert self._process.stdout is not None
-        descriptor, end = self._process.stdout.fileno(), time.monotonic() + time_limit
+        descriptor, end = self._process.stdout.fileno(), time.monotonic() + TIME_LIMIT
         poll = select.poll()
         poll.register(descriptor, select.POLLIN)
         while b"\n" not in self._received:
             left = end - time.monotonic()
             if left <= 0 or not poll.poll(1000 * left):
                 self.close()
-                raise ApartError(f"no progress in {time_limit:g} s")
+                raise ApartError(f"no progress in {TIME_LIMIT:g} s")
             found = os.read(descriptor, 65536)
             if not found:
                 raise ApartError(self._end())

@@ -132,7 +132,7 @@ def _ablation_finding(groups: dict[str, list[Row]]) -> str:
     )
 
 
-def forms_caption(still: Still, plan: Plan) -> str:
+def forms_caption(still: Still) -> str:
     """Return the caption of the forms, without heading and picture."""
     table = [
         [row.fit.label, str(row.fit.lobes.count), str(row.fit.floats), *_cells([row])]

@@ -75,12 +75,10 @@ def render(lobes: Lobes, rows: int = ROWS) -> Tensor:
     return texels.texel_means(lobes, rows, 2 * rows).float()
 
 
-def sun_and_sky(
-    rows: int = ROWS, sun: Direction = SUN, sharpness: float = 4e3, peak: float = 3e3
-) -> Tensor:
+def sun_and_sky(rows: int = ROWS) -> Tensor:
     """Return a blue sky with a warm sun of 0.6 degrees, half of the light.  [H, 2 H, 3]."""
     sky = lobe((0.0, 1.0, 0.1), 1.0, (0.3, 0.5, 1.0))
-    return render(together(sky, lobe(sun, sharpness, (peak, 0.9 * peak, 0.7 * peak))), rows)
+    return render(together(sky, lobe(SUN, 4e3, (3e3, 0.9 * 3e3, 0.7 * 3e3))), rows)
 
 
 def constant(value: float, rows: int = ROWS) -> Tensor:
@@ -88,9 +86,9 @@ def constant(value: float, rows: int = ROWS) -> Tensor:
     return torch.full((rows, 2 * rows, 3), value)
 
 
-def texel(row: int, column: int, value: float, around: float = 0.0, rows: int = ROWS) -> Tensor:
+def texel(row: int, column: int, value: float, around: float = 0.0) -> Tensor:
     """Return a map with one other texel.  [H, 2 H, 3]."""
-    radiance = constant(around, rows)
+    radiance = constant(around)
     radiance[row, column] = value
     return radiance
 
@@ -100,27 +98,26 @@ def rectangle(
     longitude_deg: tuple[float, float],
     value: float = 1.0,
     around: float = 0.0,
-    rows: int = ROWS,
 ) -> Tensor:
     """Return a map with another value where texels lie between angles.  [H, 2 H, 3]."""
-    latitude = 90 - 180 * (torch.arange(rows) + 0.5) / rows
-    longitude = 180 - 360 * (torch.arange(2 * rows) + 0.5) / (2 * rows)
+    latitude = 90 - 180 * (torch.arange(ROWS) + 0.5) / ROWS
+    longitude = 180 - 360 * (torch.arange(2 * ROWS) + 0.5) / (2 * ROWS)
     high = (latitude > latitude_deg[0]) & (latitude < latitude_deg[1])
     wide = (longitude > longitude_deg[0]) & (longitude < longitude_deg[1])
     inside = (high[:, None] & wide)[..., None].expand(-1, -1, 3)
     return torch.where(inside, value, around)
 
 
-def checkerboard(size: int, rows: int = ROWS) -> Tensor:
+def checkerboard(size: int) -> Tensor:
     """Return squares of so many texels, black and white.  [H, 2 H, 3]."""
-    row, column = torch.arange(rows) // size, torch.arange(2 * rows) // size
+    row, column = torch.arange(ROWS) // size, torch.arange(2 * ROWS) // size
     return ((row[:, None] + column) % 2).float()[..., None].expand(-1, -1, 3).contiguous()
 
 
-def noise(power: float = 1.0, rows: int = ROWS, seed: int = 0) -> Tensor:
+def noise(power: float = 1.0, seed: int = 0) -> Tensor:
     """Return even noise from 0 to 1 to a power: the higher, the rarer are bright texels."""
     generator = torch.Generator().manual_seed(seed)
-    return torch.rand(rows, 2 * rows, 3, generator=generator) ** power
+    return torch.rand(ROWS, 2 * ROWS, 3, generator=generator) ** power
 
 
 def turned(radiance: Tensor, degrees: float) -> Tensor:
@@ -133,6 +130,6 @@ def enlarged(radiance: Tensor, factor: int) -> Tensor:
     return radiance.repeat_interleave(factor, 0).repeat_interleave(factor, 1)
 
 
-def lamps(directions: Sequence[Direction], sharpness: float, amplitude: float = 1.0) -> Lobes:
+def lamps(directions: Sequence[Direction], sharpness: float) -> Lobes:
     """Return equal lobes.  [N, .]."""
-    return together(*(lobe(direction, sharpness, amplitude) for direction in directions))
+    return together(*(lobe(direction, sharpness) for direction in directions))

@@ -12,9 +12,7 @@ from asglight.luminance import luminance
 from asglight.viewer.uniforms.outlines import HALF_PEAK, half_angles
 
 
-def pick(
-    lobes: Lobes, direction: Sequence[float], tolerance: float, level: float = HALF_PEAK
-) -> int | None:
+def pick(lobes: Lobes, direction: Sequence[float], tolerance: float) -> int | None:
     """Return the lobe that a click means.
 
     A lobe that is smaller than the tolerance counts as a disc of that radius, and wins over the
@@ -25,7 +23,6 @@ def pick(
         lobes: N lobes of one frame.  [N, .]
         direction: Of any length.  [3]
         tolerance: Radians; that of a marker on the screen.
-        level: Share of the peak at which outlines run.
 
     Returns:
         Index of the lobe, or None.
@@ -34,8 +31,8 @@ def pick(
     unit = _unit(direction)
     distance = _angles(lobes, unit)
     near = distance <= tolerance
-    small = near & (half_angles(lobes, level).amax(-1) < tolerance)
-    inside = _holds(lobes, unit, level)
+    small = near & (half_angles(lobes).amax(-1) < tolerance)
+    inside = _holds(lobes, unit)
     for candidates, key in ((small, distance), (inside, asg.integral(lobes)), (near, distance)):
         if bool(candidates.any()):
             return int(torch.where(candidates, key, math.inf).argmin())
@@ -71,13 +68,13 @@ def energies(lobes: Lobes) -> Tensor:
     return asg.flux(lobes.to("cpu", torch.float64)).sum(-1)
 
 
-def _holds(lobes: Lobes, direction: Tensor, level: float) -> Tensor:
+def _holds(lobes: Lobes, direction: Tensor) -> Tensor:
     """Tell which outlines hold a direction.  [N]."""
     values = asg.unit_lobes(lobes, direction[None])[:, 0]
     if lobes.form is Form.SG:  # one that never falls to the level is drawn as its hemisphere
-        drawn_whole = lobes.sharpness[:, 0] * 2 <= -math.log(level)
-        return torch.where(drawn_whole, lobes.axis_z @ direction >= 0, values >= level)
-    return values >= level
+        drawn_whole = lobes.sharpness[:, 0] * 2 <= -math.log(HALF_PEAK)
+        return torch.where(drawn_whole, lobes.axis_z @ direction >= 0, values >= HALF_PEAK)
+    return values >= HALF_PEAK
 
 
 def _angles(lobes: Lobes, direction: Tensor) -> Tensor:

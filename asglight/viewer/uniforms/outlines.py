@@ -73,7 +73,7 @@ def outlines(lobes: Lobes, level: float = HALF_PEAK) -> list[Outline]:
     return [Outline(drawn, *both) for drawn, both in found]
 
 
-def arms(lobes: Lobes, level: float = HALF_PEAK) -> list[tuple[Polylines, Polylines]]:
+def arms(lobes: Lobes, level: float) -> list[tuple[Polylines, Polylines]]:
     """Return the arms of each lobe alone, along axis_x and axis_y; arguments as of `outlines`."""
     centre = np.tile(np.arange(lobes.count), len(_sides(lobes)))
     drawn = polylines(_arcs(lobes, level), 2 * len(centre))

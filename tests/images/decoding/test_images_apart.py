@@ -106,7 +106,7 @@ def test_a_process_that_hangs_is_ended_and_named(
     path = image_files.constant(tmp_path / "a.exr", 1)
     decoder = idle_decoder(path)
     os.kill(pid_of(decoder), signal.SIGSTOP)
-    monkeypatch.setattr(apart.Apart.reply, "__defaults__", (0.2,))
+    monkeypatch.setattr(apart, "TIME_LIMIT", 0.2)
     begin = time.monotonic()
     with pytest.raises(DamagedError, match=r"a\.exr: cannot be decoded \(no progress in 0\.2 s\)"):
         read_latlong(path, decoder=decoder)

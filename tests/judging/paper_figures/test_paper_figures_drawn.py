@@ -146,7 +146,7 @@ def test_ablation_caption_says_whether_it_agrees_with_the_paper() -> None:
 def test_forms_caption_names_where_isotropic_lobes_are_ahead() -> None:
     few, many = row(OURS, "few", {"env": 0.5}), row(OURS, "many", {"r0.5": 0.1})
     rows = (few, many, row(OURS, "asg"), row(OURS, "bingham", {"env": 0.1, "irr": 0.1}))
-    text = " ".join(captions.forms_caption(still(*rows), Plan(2)).split())
+    text = " ".join(captions.forms_caption(still(*rows)).split())
     assert "isotropic lobes in r0.5 with as many floats, in nothing with as many lobes" in text
     assert text.endswith("`bingham` in env, irr.")
 
