@@ -13,13 +13,13 @@ import numpy as np
 import OpenImageIO
 from imgui_bundle import ImVec2, immapp
 from imgui_bundle.immapp import testing
+from light_edits import scale_amplitude
 
 from asglight.lobes import LobeTracks
 from asglight.viewer import running, window
 from asglight.viewer.gl.reference import reference_pass
 from asglight.viewer.io import screenshot
 from asglight.viewer.reference.images import Reference
-from asglight.viewer.state.edits.edit import scale_amplitude
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.viewer_state import ViewerState

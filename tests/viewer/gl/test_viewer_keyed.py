@@ -13,6 +13,7 @@ import pytest
 import torch
 from key_cases import Rectangle, corner_error, with_lamps
 from keyed_stages import FRAMES, write
+from light_edits import scale_amplitude
 
 from asglight.cli.sources.opening import Request, opened
 from asglight.errors import InputError
@@ -22,7 +23,6 @@ from asglight.sphere import latlong
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.gl.renderer import Renderer
 from asglight.viewer.io.saving import edited, save_edits
-from asglight.viewer.state.edits.edit import scale_amplitude
 from asglight.viewer.state.session import Session
 from asglight.viewer.uniforms import key_cards
 

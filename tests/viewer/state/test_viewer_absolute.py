@@ -98,6 +98,13 @@ def test_a_colour_is_met_and_the_intensity_stays():
     np.testing.assert_allclose(np.array(found.colour) / max(found.colour), [0.2, 0.4, 1], rtol=1e-4)
 
 
+def test_a_colour_without_a_channel_leaves_a_millionth_of_it() -> None:
+    grey = lamp(0.0, 0.0, 0.0, (50.0, 20.0))
+    red, green, blue = colour_edit(grey, (0, None), (1.0, 0.0, 1.0)).gain_log2
+    assert green == pytest.approx(-20, abs=1e-5)
+    assert red == blue > 0
+
+
 def test_black_is_no_colour_and_a_black_lobe_has_no_stops():
     before = moving(range(2))
     assert colour_edit(before.lobes[0, 1], (1, None), (0.0, 0.0, 0.0)).is_identity

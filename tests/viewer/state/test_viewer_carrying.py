@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import pytest
 import torch
+from light_edits import scale_amplitude
 from usd_tracks import beginning, moving
 
 from asglight.lobes import LobeTracks
 from asglight.viewer.state.edits import acting, carrying
 from asglight.viewer.state.edits.carrying import places_in
-from asglight.viewer.state.edits.edit import Mute, Rename, scale_amplitude
+from asglight.viewer.state.edits.edit import Mute, Rename
 from asglight.viewer.state.edits.history import EditHistory
 from asglight.viewer.state.session import padded
 from asglight.viewer.state.viewer_state import ViewerState

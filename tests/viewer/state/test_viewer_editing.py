@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from light_edits import scale_amplitude
 from scipy.spatial.transform import Rotation
 from usd_tracks import moving
 
@@ -16,7 +17,7 @@ from asglight.viewer.state.commands import command
 from asglight.viewer.state.edits import acting, editing
 from asglight.viewer.state.edits.absolute import lamp_of
 from asglight.viewer.state.edits.applying import apply
-from asglight.viewer.state.edits.edit import Add, Edit, Span, scale_amplitude
+from asglight.viewer.state.edits.edit import Add, Edit, Span
 from asglight.viewer.state.edits.editing import Editing, Moment, Scope
 from asglight.viewer.state.edits.history import EditHistory
 from asglight.viewer.state.edits.hue import SATURATION_MAX, hue_of, with_hue

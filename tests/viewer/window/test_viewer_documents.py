@@ -8,14 +8,12 @@ from typing import Any
 import pytest
 import torch
 from imgui_bundle import imgui
+from light_edits import scale_amplitude
 from windows import Drive, Driven, brighten, press, wait_for
 
 from asglight.lobes import LobeTracks
 from asglight.usd import read_usd
 from asglight.viewer.io.browsing import Kind
-from asglight.viewer.state.edits.edit import (
-    scale_amplitude,
-)
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.viewer_state import ViewerState

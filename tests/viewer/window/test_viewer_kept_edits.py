@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 import windows
+from light_edits import scale_amplitude
 from windows import Driven, brighten, press, wait_for
 
 from asglight.lobes import LobeTracks
@@ -23,7 +24,6 @@ from asglight.viewer.state.edits.edit import (
     Rename,
     Restore,
     Span,
-    scale_amplitude,
     turn,
 )
 from asglight.viewer.state.session import Session, no_lobes

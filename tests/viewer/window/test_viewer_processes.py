@@ -158,7 +158,7 @@ sys.path.insert(0, {support!r})
 from pathlib import Path
 import windows
 from asglight.usd import read_usd
-from asglight.viewer.state.edits.edit import scale_amplitude
+from light_edits import scale_amplitude
 
 stage, kept = map(Path, ({stage!r}, {kept!r}))
 

@@ -10,6 +10,7 @@ import torch
 import windows
 import written_stages
 from imgui_bundle import ImVec2, imgui
+from light_edits import scale_amplitude
 from windows import Drive, Driven, map_point, wait_for
 
 from asglight.errors import InputError
@@ -19,7 +20,7 @@ from asglight.sphere import latlong
 from asglight.usd import read_usd
 from asglight.viewer.gl.arrangement import cells
 from asglight.viewer.state.edits.absolute import lamp_of
-from asglight.viewer.state.edits.edit import Span, scale_amplitude
+from asglight.viewer.state.edits.edit import Span
 from asglight.viewer.state.session import Session
 from asglight.viewer.state.source import FixedSource
 from asglight.viewer.state.viewer_state import ViewerState

@@ -207,36 +207,6 @@ class Add:
 AnyEdit = Edit | Mute | Delete | Restore | Rename | Add
 
 
-def scale_amplitude(
-    lobe: int,
-    span: Span | None,
-    stops: float,
-    tint: tuple[float, float, float] = (1.0, 1.0, 1.0),
-) -> Edit:
-    """Make a lobe brighter or darker, and multiply its colour by a tint.
-
-    Args:
-        lobe: Index of the lobe.
-        span: Where; None for all frames.
-        stops: The amplitude is multiplied by 2^stops.
-        tint: Linear RGB factors, >= 0.
-    """
-    red, green, blue = (stops + math.log2(max(factor, TINT_MIN)) for factor in tint)
-    return Edit(lobe, span, gain_log2=(red, green, blue))
-
-
-def scale_sharpness(lobe: int, span: Span | None, along_x: float, along_y: float) -> Edit:
-    """Make a lobe narrower or wider along its axes.
-
-    Args:
-        lobe: Index of the lobe.
-        span: Where; None for all frames.
-        along_x: The sharpness along axis_x is multiplied by 2^along_x.
-        along_y: The sharpness along axis_y likewise; the same for a lobe of the sg form.
-    """
-    return Edit(lobe, span, sharpness_log2=(along_x, along_y))
-
-
 def turn(lobe: int, span: Span | None, source: Sequence[float], target: Sequence[float]) -> Edit:
     """Turn a lobe the shortest way that takes one direction to another.
 
