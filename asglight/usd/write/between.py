@@ -35,6 +35,11 @@ SMALL = 5e-4
 """Changes x of log sharpness and y of log flux in a span with x (x + y) below this are within half
 of what is allowed, whatever the light (tests/usd/write/test_usd_between.py)."""
 
+TINTED = 1e-3
+"""Changes x of a colour and y of log intensity in a span with x y below this are within half of
+what is allowed of flux, whatever the shape: intensity and colour, each interpolated by itself, are
+off by 1.1 x y of the flux at most."""
+
 CHANGES, PLACES = (0.5, 2.0), (3, 5, 41)
 """Spans whose log sharpness changes by no more than so much are looked at in so many places, all
 others in the last number. A change of 23, as much as there can be, is then cut into ten pieces, and
@@ -101,10 +106,18 @@ class Shot:
         # how much an error counts, where a lobe is faint at both ends
         ratio = flux / bright
         weight = torch.maximum(ratio[1:], ratio[:-1])
-        self._bent = self._lit & (weight * shape * (shape + light) > SMALL)
-        self._reshaped = self._lit & (shape > SAME)
+        is_tinted = self._changes_of_colour() > TINTED
+        self._bent = self._lit & ((weight * shape * (shape + light) > SMALL) | is_tinted)
+        self._reshaped = self._lit & ((shape > SAME) | is_tinted)
         bounds = torch.tensor(CHANGES, dtype=shape.dtype)
         self._places = torch.tensor(PLACES)[torch.bucketize(shape, bounds)]
+
+    def _changes_of_colour(self) -> Tensor:
+        """Return changes of colour times those of log intensity.  [F - 1, N]."""
+        peak, color = intensity_and_color(self._colour_flux)
+        least = torch.minimum(peak[1:], peak[:-1]).maximum(self._faint[:-1, None])
+        brightening = ((peak[1:] - peak[:-1]).abs() / least).log1p()
+        return (color[1:] - color[:-1]).abs().amax(-1) * brightening
 
     def of_lobes(self) -> list[Sampled]:
         """Return each lobe with the samples that its own attributes need.  N."""

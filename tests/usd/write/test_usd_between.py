@@ -134,6 +134,14 @@ def bent() -> LobeTracks:
     return LobeTracks(tuple(FRAMES), 24.0, lobes)
 
 
+def tinted() -> LobeTracks:
+    """Return lobes that change their light and keep their shapes."""
+    tracks = of_every_kind(FRAMES)
+    tracks.lobes.sharpness[:] = tracks.lobes.sharpness[:1].clone()
+    tracks.lobes.amplitude[1::2] *= torch.tensor([0.02, 0.5, 3.0])
+    return tracks
+
+
 def cases() -> dict[str, LobeTracks]:
     noisy = moving(FRAMES, 6, jitter=0.3)
     wild = moving(FRAMES, 4, seed=3)
@@ -146,6 +154,7 @@ def cases() -> dict[str, LobeTracks]:
         "bingham": moving(FRAMES, 3, Form.BINGHAM, jitter=0.2),
         "sg": moving(FRAMES, 3, Form.SG, jitter=0.2),
         "bent": bent(),
+        "tinted": tinted(),
     }
 
 
@@ -219,7 +228,7 @@ def test_cards_between_frames_are_those_of_lobes_in_motion(name, textured, stage
     ("name", "count"),
     # the round sg has one light in any case
     [
-        *((name, count) for name in ("kinds", "noisy", "wild") for count in (1, 3)),
+        *((name, count) for name in ("kinds", "noisy", "wild", "tinted") for count in (1, 3)),
         ("sg", 3),
         ("bent", 1),
     ],
