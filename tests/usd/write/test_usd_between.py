@@ -265,6 +265,26 @@ def test_nothing_lies_between_frames_where_lights_keep_their_shape(tmp_path) -> 
     assert report.samples_between == 0
 
 
+def test_a_light_that_flares_up_is_off_beside_the_darker_frame_alone(tmp_path) -> None:
+    """As docs/reference/stage.md says, by 1/512 of the brighter frame's flux at most."""
+    shape, dark, bright = torch.full((2, 1, 2), 50.0), [1.0, 1.0, 1.0], [0.1, 0.1, 1200.0]
+    light = torch.tensor([[dark], [bright]])
+    tracks = LobeTracks((1, 2), 24.0, Lobes(torch.eye(3).expand(2, 1, 3, 3), shape, light))
+    stage = written(tracks, tmp_path, "distant")
+    prim = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00")
+    ends = [
+        number(prim, schema.INTENSITY, time) * number(prim, schema.COLOR, time) for time in (1, 2)
+    ]
+    shares = []
+    for part in np.arange(1, 1024) / 1024:
+        shown = number(prim, schema.INTENSITY, 1 + part) * number(prim, schema.COLOR, 1 + part)
+        true = (1 - part) * ends[0] + part * ends[1]
+        assert np.abs(shown - true).sum() <= 1.001 / 512 * ends[1].sum()
+        shares.append(float(np.abs(shown - true).sum() / true.sum()))
+    assert 0.3 < max(shares) < 0.4
+    assert max(shares[1024 // 50 :]) < RADIANCE
+
+
 @pytest.mark.parametrize("representation", ["cards", "distant"])
 def test_a_light_that_comes_from_black_has_its_own_colour_and_shape(representation, tmp_path):
     tracks = moving(FRAMES, 2)
