@@ -9,6 +9,7 @@ from typing import Any
 
 from fileseq import framesToFrameRange
 
+from asglight.cli.frames import warn_of_unread
 from asglight.cli.options.reading import read_options
 from asglight.cli.printing import counted, table
 from asglight.cli.progress import Reporter
@@ -22,7 +23,9 @@ from asglight.lobes import LobeTracks
 EXPLANATION = """\
 With --between: every second frame is left out, fitted without, and judged half-way between its
 neighbours. stage: as a program interpolates the stage; rule: flux and log sharpness linear, turns
-even; fits: the two fits dissolved; maps: the two images dissolved. (x): over that of the fits."""
+even; fits: the two fits dissolved; maps: the two images dissolved. (x): over that of the fits.
+Lights that another program edited count in rule and fits, not in stage; where the stage has all
+frames, and the others of them are fitted anew, nowhere."""
 
 FRAMES_MIN = 3
 """One to leave out, between two."""
@@ -37,9 +40,11 @@ def document_of(arguments: argparse.Namespace, report: Reporter) -> dict[str, An
     Raises:
         InputError: The stage cannot be fitted anew, or there are too few frames.
     """
-    from asglight.usd import read_usd
+    from asglight.usd import read_stage, read_usd
 
-    tracks = read_usd(arguments.stage, arguments.rig)
+    reading = read_stage(arguments.stage, arguments.rig)
+    warn_of_unread(arguments.stage, reading)
+    tracks = reading.tracks
     sequence = open_sequence(
         arguments.reference,
         frames=arguments.frames,

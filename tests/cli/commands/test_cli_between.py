@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdLux
 
 from asglight.cli.main import main
 from asglight.images import write_exr
@@ -75,6 +75,17 @@ def test_a_lobe_that_is_invisible_does_not_light_between_frames(images, tmp_path
     stage.Save()
     mean = evaluated(capsys, path, "--reference", images)["mean"]
     assert mean["stage"]["flux"] == mean["rule"]["flux"] == 1.0  # none of the lamp's light
+
+
+def test_what_lobes_cannot_hold_is_said(images, tmp_path, capsys) -> None:
+    path = written(tmp_path, range(1, 6, 2), {})
+    stage = Usd.Stage.Open(str(path))
+    light = stage.GetPrimAtPath("/AsgRig/Lobes/lobe_00/tall")
+    UsdLux.LightAPI(light).CreateFiltersRel().AddTarget("/Blocker")
+    stage.Save()
+    assert main(["eval", str(path), "--reference", str(images), "--between"]) == 0
+    error = capsys.readouterr().err
+    assert f"asglight: {path}: not read: {light.GetPath()}: has light filters" in error
 
 
 def test_a_stage_of_all_frames_is_fitted_anew_without_every_second_one(
