@@ -14,7 +14,7 @@ import torch
 
 from asglight import __version__
 from asglight.fitting.options import FitOptions, Preset
-from asglight.images import Sequence
+from asglight.images import Repair, Sequence
 from asglight.images.account import read_as
 from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
@@ -88,7 +88,7 @@ def tracks_of(
         "left_out": account(fitted, int(lit.sum()), lobes, repeated, budget),
         "loss": [_finite(record.loss) for record in records],
         "flux_error": [_finite(record.flux_error) for record in records],
-        "repairs": repairs_of(records),
+        "repairs": repairs_of({record.frame: record.repair for record in records}),
     }
     frames = tuple(record.frame for record in records)
     return by_energy(LobeTracks(frames, fps, lobes, metadata))
@@ -116,21 +116,21 @@ def lit_lobes(lobes: Lobes) -> torch.Tensor:
     return lit
 
 
-def repairs_of(records: list[FrameRecord]) -> dict[str, Any]:
-    """Sum the repairs of all frames.
+def repairs_of(repairs: Mapping[int, Repair]) -> dict[str, Any]:
+    """Sum the repairs of all frames, by their numbers.
 
     Returns:
         Numbers of negative, NaN and infinite texels, and the frames concerned: those with such
         texels, and those without a file that others stand in for. The texels of a frame that stands
         in for another count once.
     """
-    found = [record for record in records if not record.repair.filled_from]
+    found = {frame: repair for frame, repair in repairs.items() if not repair.filled_from}
     return {
-        "negative_texels": sum(record.repair.negative for record in found),
-        "nonfinite_texels": sum(record.repair.nonfinite for record in found),
-        "infinite_texels": sum(record.repair.infinite for record in found),
-        "frames": [record.frame for record in found if record.repair.texels],
-        "frames_filled": [record.frame for record in records if record.repair.filled_from],
+        "negative_texels": sum(repair.negative for repair in found.values()),
+        "nonfinite_texels": sum(repair.nonfinite for repair in found.values()),
+        "infinite_texels": sum(repair.infinite for repair in found.values()),
+        "frames": [frame for frame, repair in found.items() if repair.texels],
+        "frames_filled": [frame for frame, repair in repairs.items() if repair.filled_from],
     }
 
 

@@ -71,14 +71,14 @@ def test_the_metadata_is_json_and_holds_no_time_and_no_absolute_path(
 
 
 def test_repairs_are_summed_once_and_their_frames_named() -> None:
-    records = [
-        shot_files.record(1, repair=Repair(negative=5)),
-        shot_files.record(2, repair=Repair(infinite=4)),
-        shot_files.record(3, repair=Repair(nonfinite=2, negative=1)),
-        shot_files.record(4, repair=Repair(nonfinite=2, negative=1, filled_from=(3,))),
-        shot_files.record(5, repair=Repair(filled_from=(3, 6))),
-    ]
-    assert repairs_of(records) == {
+    repairs = {
+        1: Repair(negative=5),
+        2: Repair(infinite=4),
+        3: Repair(nonfinite=2, negative=1),
+        4: Repair(nonfinite=2, negative=1, filled_from=(3,)),
+        5: Repair(filled_from=(3, 6)),
+    }
+    assert repairs_of(repairs) == {
         "negative_texels": 6,
         "nonfinite_texels": 2,
         "infinite_texels": 4,

@@ -180,7 +180,7 @@ def as_document(result: ShotResult, output: str) -> dict[str, Any]:
         "resumed": result.resumed,
         "seconds": sum(record.seconds for record in result.records),
         "ill_conditioned": metadata["ill_conditioned"],
-        "repairs": repairs_of(list(result.records)),
+        "repairs": repairs_of({record.frame: record.repair for record in result.records}),
         "image": metadata["image"],
         **({"keys": result.keys} if result.keys is not None else {}),
         "frames": frames,

@@ -20,6 +20,7 @@ from asglight.cli.options.reading import read_options as images_read
 from asglight.cli.options.stage_options import OUTPUT, representation_list
 from asglight.cli.printing import counted, frame_range, print_json, size
 from asglight.cli.progress import reporter
+from asglight.cli.repairs import repair_line
 from asglight.cli.sources.key_cutting import Cutting, cut_keys
 from asglight.errors import InputError
 from asglight.usd.options import check_key_options
@@ -47,6 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Find the keys, write the stage anew and say what they are."""
+    from asglight.shots.tracks import repairs_of
+
     options = key_options(arguments)
     if options is None:
         raise InputError("keys: 0; expected auto or a number above 0.")
@@ -56,14 +59,15 @@ def run(arguments: argparse.Namespace) -> int:
     )
     output = arguments.output or arguments.stage
     with reporter() as report:
-        written, stage, frames = cut_keys(arguments.stage, output, cutting, report)
-    found = written.keys
+        written, stage, repairs = cut_keys(arguments.stage, output, cutting, report)
+    found, frames, repaired = written.keys, tuple(repairs), repairs_of(repairs)
     document: dict[str, Any] = {
         "output": output,
         "bytes": written.bytes,
         "representations": list(stage.representations),
         "frames": list(frames),
         "keys": found,
+        "repairs": repaired,
     }
     if arguments.json:
         print_json(document)
@@ -72,5 +76,5 @@ def run(arguments: argparse.Namespace) -> int:
         f"{output}: {counted(len(frames), 'frame')} ({frame_range(frames)}), "
         f"{size(written.bytes)}, written as: {', '.join(stage.representations)}"
     )
-    print("\n".join(key_lines(found)))
+    print("\n".join(filter(None, [*key_lines(found), repair_line(repaired)])))
     return 0

@@ -8,7 +8,7 @@ from asglight.cli.commands.evaluate import check_frames
 from asglight.cli.options.key_options import with_keys
 from asglight.cli.printing import frame_range
 from asglight.cli.sources.same_light import SameLight
-from asglight.images import Sequence, open_sequence
+from asglight.images import LatlongImage, Repair, Sequence, open_sequence
 from asglight.images.options import ReadOptions
 from asglight.images.sequence import Missing
 from asglight.usd.options import KeyOptions, StageOptions
@@ -43,11 +43,11 @@ ALL_FRAMES = "Keys are cut in every frame of the stage."
 
 def cut_keys(
     stage: str, output: str, cutting: Cutting, report: "Reporter"
-) -> "tuple[WriteReport, StageOptions, tuple[int, ...]]":
+) -> "tuple[WriteReport, StageOptions, dict[int, Repair]]":
     """Find the keys of a stage's images, and write the stage with them.
 
     Returns:
-        What was written, how, and the frames.
+        What was written, how, and what was repaired in the image of each frame.
 
     Raises:
         InputError: The images lack a frame or one is damaged, something cannot be read or written,
@@ -61,7 +61,7 @@ def cut_keys(
 
 def _cut(
     stage: str, output: str, cutting: Cutting, report: "Reporter"
-) -> "tuple[WriteReport, StageOptions, tuple[int, ...]]":
+) -> "tuple[WriteReport, StageOptions, dict[int, Repair]]":
     from asglight.shots.keying import Keying
     from asglight.usd import read_usd, write_usd
     from asglight.usd.read.read_options import read_options
@@ -71,9 +71,15 @@ def _cut(
     chosen = {} if asked is None else {"representations": asked}
     options = replace(options, **with_keys(chosen, cutting.keys, options.representations))
     sequence = _images(cutting, tracks.frames, stage)
-    check = SameLight(tracks, stage, cutting.reference, report)
+    compare = SameLight(tracks, stage, cutting.reference, report)
+    repairs: dict[int, Repair] = {}
+
+    def check(frame: int, image: LatlongImage) -> None:
+        repairs[frame] = image.repair
+        compare(frame, image)
+
     keying = Keying(sequence, cutting.keys, report.follow, check)
-    return write_usd(tracks, output, **vars(options), keys=keying), options, tracks.frames
+    return write_usd(tracks, output, **vars(options), keys=keying), options, repairs
 
 
 def _images(cutting: Cutting, frames: tuple[int, ...], stage: str) -> Sequence:

@@ -15,7 +15,7 @@ from pxr import Usd, UsdLux
 from usd_tracks import contents
 
 from asglight.cli.main import main
-from asglight.images import write_exr
+from asglight.images import read_latlong, write_exr
 from asglight.shots import fit_shot
 from asglight.shots.parts import farm
 from asglight.shots.parts.chunks import Shot
@@ -88,6 +88,18 @@ def test_a_stage_gets_keys_beside_what_it_has(cut, capsys) -> None:
     text = capsys.readouterr().out
     assert "representation: keys (also cards)" in text
     assert "keys: 2, with " in text
+
+
+def test_what_was_repaired_in_the_images_is_said(folder, tmp_path, capsys) -> None:
+    for frame in (1, 2):
+        image = read_latlong(folder / f"sky.{frame}.exr").radiance.clone()
+        image[0, 3] = -1e-3
+        write_exr(tmp_path / f"sky.{frame}.exr", image, half=False)
+    words = ["--reference", tmp_path / "sky.#.exr", "-o", tmp_path / "keyed.usda"]
+    told = "repaired: 0 NaN and 2 negative texels set to 0 in 2 frames (1, 2)"
+    assert said("keys", folder / "sky.usda", *words).splitlines()[-1] == told
+    assert run("keys", folder / "sky.usda", *words, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["repairs"]["negative_texels"] == 2
 
 
 def test_a_lamp_with_nothing_around_it_has_black_around_it_and_no_stops(tmp_path, capsys) -> None:
