@@ -136,6 +136,28 @@ def fitted(patch: Patch, light: Array, start: Card | None = None) -> Card:
     return slanted if cost(slanted) < SLANT_GAIN * cost(facing) else facing
 
 
+def as_wide_as_a_texel(card: Card, patch: Patch, light: Array) -> Card:
+    """Return a card that is no narrower than the brightest texel of its lamp, near a pole.
+
+    Texels there are narrower than the edge of a card is soft, so that the search does not tell one
+    card within them from another.
+
+    Args:
+        card: The card.
+        patch: The texels around the lamp.
+        light: Flux of each.  [P]
+    """
+    brightest = int(light.argmax())
+    height = np.pi / patch.shape[0]
+    width = float(patch.weight[brightest].sum()) / height
+    if not card.is_facing or width > 2 * patch.softness:
+        return card
+    texel = patch.points[brightest]
+    across = (texel - texel.mean(0)) @ card.axes[:2].T
+    own = np.sqrt(3 * (across**2).mean(0))  # half of what it spans along both sides
+    return Card.facing(card.axes, np.maximum(card.extent, own))
+
+
 def _nearest(cost: "_Cost", first: Card, reach: float) -> Card:
     """Return the card of least cost, as slanted as the first [Nelder and Mead 1965].
 

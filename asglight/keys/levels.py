@@ -131,7 +131,8 @@ class Seen:
         light = self.light(floor, high)
         off = cards.off_by(card, self.patch, self.net(floor, high))
         apart = cards.apart(off) / float(light.sum())
-        turned = aligned(card, self.start)
+        wide = cards.as_wide_as_a_texel(card, self.patch, light)
+        turned = aligned(wide, self.start)
         carried = float(light.sum()) / self.flux
         low = floor * self.mean
         return KeyCut(turned, self.patch.place, self.share, low, high, floor, carried, apart)

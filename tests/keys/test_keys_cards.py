@@ -128,6 +128,29 @@ def test_light_that_a_card_shows_beyond_its_patch_counts_as_off() -> None:
     assert cards.apart(cards.off_by(card, patch, light)) > 0.9 * light.sum()
 
 
+@pytest.mark.parametrize("row", [0, 4, 8, 16, 24])
+def test_the_card_of_a_texel_beside_a_pole_spans_the_texel(row: int) -> None:
+    rows, column = 256, 100
+    radiance = torch.full((rows, 2 * rows, 3), 0.1)
+    radiance[row, column] = 500.0
+    mask = np.zeros((rows, 2 * rows), dtype=bool)
+    mask[row, column] = True
+    [key] = frame_cut(radiance, [Wanted(mask, 1.0)], []).keys
+    assert key is not None
+    latitude = np.pi / 2 - np.pi * (row + np.array([0, 1, 1, 0])) / rows
+    longitude = np.pi - np.pi * (column + np.array([0, 0, 1, 1])) / rows
+    corners = np.stack(
+        [
+            np.cos(latitude) * np.sin(longitude),
+            np.sin(latitude),
+            np.cos(latitude) * np.cos(longitude),
+        ],
+        -1,
+    )
+    across = (corners @ key.card.axes[:2].T).std(0)  # half of the sides of a rectangle
+    assert np.all(key.card.extent > 0.9 * across)
+
+
 def test_frames_follow_the_frame_before_through_quarter_turns() -> None:
     lamp = PLACES["ahead"]
     before = Card.facing(lamp.axes, lamp.extent)
