@@ -5,6 +5,7 @@ Every method has its colour, its marker and its kind of line, the same in all pi
 Okabe and Ito 2008, "Color universal design", which every kind of colour vision tells apart].
 """
 
+import hashlib
 import re
 from dataclasses import dataclass
 from html import escape
@@ -79,6 +80,9 @@ def svg(figure: Figure) -> str:
     element = re.sub(r"<metadata>.*?</metadata>", "", element, flags=re.DOTALL)
     element = re.sub(r' xmlns(:xlink)?="[^"]*"', "", element)  # a page knows these
     element = re.sub(r' (width|height)="[\d.]+pt"', "", element, count=2)
+    # a page has several pictures, whose parts have the same names
+    own = hashlib.sha256(element.encode()).hexdigest()[:8]
+    element = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{own}-", element)
     for colour, name in PAGE_VARIABLES.items():
         element = element.replace(colour, f"var(--{name})")
     heading = escape(figure.texts[0].get_text())

@@ -76,6 +76,14 @@ def test_every_element_is_closed(read: Reader) -> None:
     assert read.tags.count("svg") == 3 + 4
 
 
+def test_parts_of_pictures_have_names_of_their_own(text: str) -> None:
+    names = re.findall(r' id="([^"]*)"', text)
+    assert len(names) == len(set(names))
+    used = re.findall(r'(?:url\(#|href="#)([^")]*)', text)
+    assert used
+    assert set(used) <= set(names)
+
+
 def test_nothing_is_fetched_and_nothing_runs(text: str, read: Reader) -> None:
     assert "script" not in read.tags
     assert not {"link", "img", "iframe", "object"} & set(read.tags)
