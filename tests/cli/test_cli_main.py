@@ -69,6 +69,12 @@ def test_the_help_says_which_frames_are_taken(
     assert f"frames, such as 1001-1048 or 1001-1048x2 {taken} --layer" in text
 
 
+def test_python_runs_the_package_as_the_command() -> None:
+    words = [sys.executable, "-m", "asglight", "--version"]
+    found = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert found.stdout == f"asglight {asglight.__version__}\n"
+
+
 def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["--version"]) == 0
     assert capsys.readouterr().out == f"asglight {asglight.__version__}\n"
