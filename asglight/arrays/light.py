@@ -17,7 +17,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from asglight.arrays.radiance import FLOATS
 from asglight.errors import InputError
+from asglight.images.message import compressed
 from asglight.lobes import Lobes, LobeTracks, asg, motion
 from asglight.lobes.texels import texel_means
 from asglight.shading import ggx, ggx_lobes
@@ -54,7 +56,7 @@ def radiance(light: Light, directions: Any, time: Time = None) -> Tensor:
         Linear Rec.709, relative as the images were.  [..., 3]; of several times [T, ..., 3]
 
     Raises:
-        InputError: The directions are none, or the time is missing or none.
+        InputError: The directions cannot be used, or the time is missing or none.
     """
     return _at_points(light, directions, time, asg.evaluate)
 
@@ -192,20 +194,48 @@ def _at_points(
     light: Light, points: Any, time: Time, function: Callable[[Lobes, Tensor], Tensor]
 ) -> Tensor:
     """Return what a function of lobes and unit vectors gives.  [..., 3] or [T, ..., 3]."""
-    vectors = torch.as_tensor(points)
-    if vectors.ndim < 1 or vectors.shape[-1] != 3 or not vectors.is_floating_point():
-        raise InputError(
-            f"directions: shape {list(vectors.shape)} of {vectors.dtype}; expected [..., 3] of "
-            "floating-point numbers."
-        )
-    if not bool((vectors.detach().norm(dim=-1) > 0).all()):
-        raise InputError("directions: one is of length 0, or none; expected vectors with a way.")
+    vectors = _vectors(points)
 
     def of(lobes: Lobes) -> Tensor:
         unit = torch.nn.functional.normalize(vectors.to(lobes.sharpness), dim=-1)
         return function(lobes, unit.reshape(-1, 3)).reshape(vectors.shape)
 
     return _of_each(light, time, of)
+
+
+def _vectors(points: Any) -> Tensor:
+    """Return vectors of any length with 1 as the largest of their components.  [..., 3].
+
+    Raises:
+        InputError: They are of another shape or type, not finite, or of no length.
+    """
+    try:
+        values = points if isinstance(points, Tensor) else np.asarray(points)
+    except ValueError as error:  # lists of several lengths
+        raise InputError(
+            f"directions: no array ({compressed(str(error))}); expected [..., 3] of "
+            "floating-point numbers."
+        ) from error
+    if isinstance(values, Tensor):
+        is_float = values.is_floating_point()
+    else:
+        is_float = values.dtype.newbyteorder("=") in FLOATS  # in any order of bytes
+    if values.ndim < 1 or values.shape[-1] != 3 or not is_float:
+        raise InputError(
+            f"directions: shape {list(values.shape)} of {values.dtype}; expected [..., 3] of "
+            "floating-point numbers."
+        )
+    if isinstance(values, Tensor):
+        vectors = values.to(torch.promote_types(values.dtype, torch.float32))
+    else:  # a copy, for torch takes no array that runs backwards or cannot be written
+        vectors = torch.from_numpy(np.array(values, np.float64, order="C"))
+    # of components up to 1, for lengths below 1e-12 are not normalised and large ones overflow
+    largest = vectors.detach().abs().amax(-1, keepdim=True)
+    if not bool((largest.isfinite() & (largest > 0)).all()):
+        raise InputError(
+            "directions: one is of length 0, or not finite; expected vectors with a way."
+        )
+    return vectors / largest
 
 
 def _of_each(light: Light, time: Time, function: Callable[[Lobes], Tensor]) -> Tensor:

@@ -2,6 +2,7 @@
 """The light of tracks at any time, against numpy's formulas, quadrature and brute force."""
 
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -72,6 +73,27 @@ def test_directions_may_have_any_shape_and_length_and_times_come_first() -> None
     assert one.shape == (3,)
     every = asglight.irradiance(SHOT, np.array([[0, 1.0, 0]]), 1003.5)
     np.testing.assert_allclose(every[0], one, rtol=1e-12)
+
+
+@pytest.mark.parametrize("length", [5e-324, 1e-300, 1e-13, 1e13, 1e300])
+@pytest.mark.parametrize("exact", [True, False])
+def test_a_direction_has_the_same_light_at_any_length(length: float, exact: bool) -> None:
+    light = SHOT if exact else SHOT.at(1003)  # in float64, in float32
+    time = 1003 if exact else None
+    wanted = asglight.radiance(light, [[1.0, 0.0, -1.0]], time)
+    found = asglight.radiance(light, [[length, 0.0, -length]], time)
+    torch.testing.assert_close(found, wanted, rtol=1e-5, atol=0)
+
+
+def test_directions_may_be_an_array_of_any_layout() -> None:
+    towards = directions(6)
+    wanted = asglight.irradiance(SHOT, towards, 1003)
+    fixed = towards.copy()
+    fixed.flags.writeable = False
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for same in (towards.astype(">f8"), towards[::-1].copy()[::-1], fixed, [*towards]):
+            assert torch.equal(asglight.irradiance(SHOT, same, 1003), wanted)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -188,9 +210,19 @@ def test_radiance_is_differentiable_to_the_directions() -> None:
         (lambda: asglight.radiance(SHOT, [[0.0, 1.0]], 1001), r"directions: shape \[1, 2\]"),
         (
             lambda: asglight.radiance(SHOT, [[0, 1, 0]], 1001),
-            "of torch.int64; expected .* floating",
+            "of int64; expected .* floating",
         ),
         (lambda: asglight.irradiance(SHOT, [0.0, 0.0, 0.0], 1001), "directions: one is of length"),
+        (lambda: asglight.irradiance(SHOT, [0.0, math.inf, 0.0], 1001), "directions: one is of le"),
+        (lambda: asglight.radiance(SHOT, [0.0, math.nan, 1.0], 1001), "directions: one is of len"),
+        (
+            lambda: asglight.radiance(SHOT, [[0.0, 1.0], [1.0]], 1001),
+            r"directions: no array \(sett",
+        ),
+        (
+            lambda: asglight.radiance(SHOT, None, 1001),
+            r"directions: shape \[\] of object; expected",
+        ),
         (lambda: asglight.radiance(SHOT, [0.0, 1.0, float("nan")], 1001), "one is of length 0, or"),
         (lambda: asglight.latlong(SHOT, 8), "time: none; expected one, in the frame numbers 1001 "),
         (lambda: asglight.latlong(SHOT, 8, float("nan")), "time: nan; expected numbers"),
