@@ -135,6 +135,8 @@ def balls(
     Raises:
         InputError: A roughness or the size is none, or the time is missing or none.
     """
+    if not len(roughness):
+        raise InputError("roughness: none; expected one or more.")
     bad = [one for one in roughness if one is not None and not ROUGHNESS_MIN <= one <= 1]
     if bad:
         raise InputError(
@@ -266,7 +268,12 @@ def _times(tracks: LobeTracks, time: Time) -> list[float]:
         if first != last:
             raise InputError(f"time: none; expected one, in the frame numbers {whole}.")
         return [float(first)]
-    times = [float(one) for one in (time if isinstance(time, Sequence) else [time])]
+    try:
+        if isinstance(time, str | bytes):  # a sequence of letters, which float reads one by one
+            raise TypeError
+        times = [float(one) for one in (time if isinstance(time, Sequence) else [time])]
+    except (TypeError, ValueError, OverflowError):
+        times = []
     if not times or not all(map(math.isfinite, times)):
         raise InputError(f"time: {time}; expected numbers, such as frames {whole}.")
     return times

@@ -5,6 +5,7 @@ import io
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 from matplotlib.figure import Figure
 
@@ -17,6 +18,10 @@ from asglight.lobes import Lobes, LobeTracks, motion
 
 MAP, BALL = (720, 360), 170
 """Pixels of the map and of a ball."""
+
+STOPS_MAX = 150
+"""Of an exposure. From the dimmest number of float32 to 1 are 149 stops, from 1 to the brightest
+128: beyond, a picture is all white or all black."""
 
 SHOWN: tuple[float | None, ...] = (0.1, 0.25, 0.5, None)
 """Roughness of the balls; the last one is matte, and sets the exposure."""
@@ -59,10 +64,14 @@ def plot(light: Light, time: Time = None, *, exposure: float | None = None) -> P
         exposure: Stops; None brings the matte ball to a light grey.
 
     Raises:
-        InputError: The time is missing, none, or several.
+        InputError: The time is missing, none, or several, or there is no such exposure.
     """
+    if isinstance(time, np.generic | np.ndarray | torch.Tensor) and time.ndim == 0:
+        time = time.item()
     if time is not None and not isinstance(time, int | float):
         raise InputError(f"time: {time}; expected one time for a picture.")
+    if exposure is not None and not abs(exposure) <= STOPS_MAX:
+        raise InputError(f"exposure: {exposure:g}; expected {-STOPS_MAX} to {STOPS_MAX} stops.")
     with torch.no_grad():
         row = balls(light, time, roughness=SHOWN, size=BALL).cpu().float()
         radiance = latlong(light, MAP[1], time).cpu().float()

@@ -212,6 +212,13 @@ def test_radiance_is_differentiable_to_the_directions() -> None:
             lambda: asglight.radiance(SHOT, [[0, 1, 0]], 1001),
             "of int64; expected .* floating",
         ),
+        (lambda: asglight.latlong(SHOT, 4, "1001"), "time: 1001; expected numbers"),
+        (
+            lambda: asglight.latlong(SHOT, 4, np.ones((2, 2))),
+            r"time: \[\[1.0, 1.0\], .* expected num",
+        ),
+        (lambda: asglight.latlong(SHOT, 4, 10**400), "time: 10+; expected numbers"),
+        (lambda: asglight.balls(SHOT, 1001, roughness=()), "roughness: none; expected one or more"),
         (lambda: asglight.irradiance(SHOT, [0.0, 0.0, 0.0], 1001), "directions: one is of length"),
         (lambda: asglight.irradiance(SHOT, [0.0, math.inf, 0.0], 1001), "directions: one is of le"),
         (lambda: asglight.radiance(SHOT, [0.0, math.nan, 1.0], 1001), "directions: one is of len"),

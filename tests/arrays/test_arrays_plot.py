@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from matplotlib.image import imread
 from usd_tracks import moving
 
@@ -43,6 +44,20 @@ def test_exposure_is_in_stops() -> None:
         for stops in (-8.0, -2.0)
     )
     assert float(bright[..., :3].mean()) > 2 * float(dim[..., :3].mean())
+
+
+@pytest.mark.parametrize("stops", [float("nan"), float("inf"), 1e4])
+def test_an_exposure_that_shows_nothing_is_refused(stops: float) -> None:
+    with pytest.raises(InputError, match=r"exposure: .*; expected -150 to 150 stops"):
+        asglight.plot(SHOT, 1001, exposure=stops)
+
+
+def test_a_time_may_be_a_number_of_numpy_or_torch() -> None:
+    wanted = asglight.plot(SHOT, 1002)._repr_png_()
+    for time in (np.int64(1002), np.float32(1002), np.array(1002), torch.tensor(1002.0)):
+        assert asglight.plot(SHOT, time)._repr_png_() == wanted
+    with pytest.raises(InputError, match=r"time: \[1001, 1002\]; expected one time for a picture"):
+        asglight.plot(SHOT, [1001, 1002])
 
 
 def test_objects_say_what_one_has() -> None:
