@@ -14,6 +14,7 @@ from asglight.errors import InputError
 from asglight.fitting.options import FIT_HEIGHT
 from asglight.images.infinite import Infinities
 from asglight.images.loss import check_loss
+from asglight.images.message import compressed
 from asglight.images.options import LOST_MAX
 from asglight.images.repair import Repair, Tally, repair_rows
 from asglight.shots.frames import RADIANCE_MAX
@@ -50,7 +51,13 @@ def frames_of(radiance: Any) -> list[Any]:
     Raises:
         InputError: It has another shape, or is not of floating-point numbers.
     """
-    values = radiance if isinstance(radiance, Tensor) else np.asarray(radiance)
+    try:
+        values = radiance if isinstance(radiance, Tensor) else np.asarray(radiance)
+    except ValueError as error:  # a list of frames of several sizes
+        raise InputError(
+            f"radiance: no array ({compressed(str(error))}); expected [H, 2 H, 3] of one latlong, "
+            "or [F, H, 2 H, 3] of F frames of one size."
+        ) from error
     shape = tuple(values.shape)
     if len(shape) not in (3, 4) or shape[-1] != 3 or shape[-2] != 2 * shape[-3] or 0 in shape:
         raise InputError(
@@ -86,7 +93,10 @@ def prepared(radiance: Any, repair: float = LOST_MAX, name: str = "radiance") ->
     Raises:
         InputError: It is no latlong, lost too much, or is brighter than lights can be.
     """
-    (one,) = frames_of(radiance)
+    found = frames_of(radiance)
+    if len(found) > 1:
+        raise InputError(f"{name}: {len(found)} frames; expected one at a time, [H, 2 H, 3].")
+    (one,) = found
     values = one.detach().cpu().float().numpy() if isinstance(one, Tensor) else one
     with np.errstate(over="ignore"):  # what float32 cannot hold is infinite, and told of as that
         values = np.asarray(values, dtype=np.float32)

@@ -96,6 +96,7 @@ def test_any_layout_and_float_is_taken() -> None:
         (np.ones((0, 4, 8, 3), np.float32), {}, r"radiance: shape \[0, 4, 8, 3\]; expected"),
         (np.ones((4, 8, 3), np.uint8), {}, "radiance: of type uint8; expected linear radiance in"),
         (torch.ones(4, 8, 3, dtype=torch.int16), {}, "radiance: of type torch.int16; expected"),
+        ([np.ones((4, 8, 3)), np.ones((2, 4, 3))], {}, r"radiance: no array \(setting an array el"),
         (np.full((4, 8, 3), np.nan, np.float32), {}, "frame 1: holds nothing but NaN; expected"),
         (np.full((4, 8, 3), 1e37, np.float32), {}, r"frame 1: has a radiance of 1e\+37; expected"),
         (np.ones((4, 8, 3), np.float32), {"lobes": 0}, "lobes: 0"),

@@ -67,6 +67,14 @@ def test_it_says_how_far_it_is() -> None:
     assert repr(follower) == "<Follower: 1 frames, 2 of 4 tracks lit>"
 
 
+def test_frames_come_one_at_a_time() -> None:
+    follower = asglight.Follower(2)
+    with pytest.raises(InputError, match=r"frame 0: 2 frames; expected one at a time, \[H, 2 H, 3"):
+        follower.follow(np.stack([sky(1001), sky(1002)]))
+    follower.follow(sky(1001)[None])
+    assert follower.frames == 1
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
