@@ -11,6 +11,7 @@ import torch
 import asglight
 from asglight.arrays.radiance import prepared
 from asglight.errors import InputError
+from asglight.fitting.loss import objective, probes
 from asglight.images import read_latlong
 from asglight.lobes import LobeTracks
 from asglight.shots.events import Event, FrameDone
@@ -142,3 +143,20 @@ def test_bytes_may_be_in_any_order() -> None:
         asglight.fit(one, lobes=2, preset="live") for one in (radiance.astype(">f4"), radiance)
     )
     assert_same(found, wanted)
+
+
+@pytest.mark.parametrize("form", ["asg", "sg", "flat"])
+def test_a_fit_is_the_same_whatever_type_torch_makes_by_default(form: str) -> None:
+    shot = np.stack([sky_files.sky(n, 16) for n in (1, 2, 3)])
+    wanted = asglight.fit(shot, lobes=2, form=form).lobes
+    before = torch.get_default_dtype()
+    for cached in (objective._probe_corners, probes._filter):  # what was made before stays right
+        cached.cache_clear()
+    torch.set_default_dtype(torch.float64)
+    try:
+        found = asglight.fit(shot, lobes=2, form=form).lobes
+        asglight.plot(found[0])
+    finally:
+        torch.set_default_dtype(before)
+    for name in ("axes", "sharpness", "amplitude"):
+        assert torch.equal(getattr(found, name), getattr(wanted, name))

@@ -303,7 +303,9 @@ def descend(
         on_step: Called with the lobes after each step, and each round of splits that is kept.
         splitting: Tries splits; `split_and_merge` is for one map.
     """
-    state = newton.Outcome(start, torch.empty(0), torch.tensor(newton.DAMPING_START))
+    state = newton.Outcome(
+        start, torch.empty(0), torch.tensor(newton.DAMPING_START, dtype=torch.float32)
+    )
     for level in levels:
         softened = replace(frame, corners=level.corners)
         state = newton.minimise(

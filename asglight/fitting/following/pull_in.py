@@ -122,7 +122,7 @@ def _in_plane(covariance: Tensor, form: Form) -> tuple[Tensor, Tensor]:
     if form is Form.SG:
         identity = torch.eye(2, dtype=xx.dtype, device=xx.device).expand(*xx.shape, 2, 2)
         return torch.stack([middle, middle], dim=-1), identity
-    radius = (half * half + xy * xy).sqrt() * torch.where(half < 0, -1.0, 1.0)
+    radius = (half * half + xy * xy).sqrt() * torch.where(half < 0, -1.0, 1.0).to(half)
     angle = 0.5 * torch.atan(xy / torch.where(half == 0, torch.finfo(xy.dtype).tiny, half))
     sin, cos = angle.sin(), angle.cos()
     turn = torch.stack([cos, sin, -sin, cos], dim=-1).unflatten(-1, (2, 2))

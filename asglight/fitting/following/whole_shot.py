@@ -157,7 +157,7 @@ def _step(
     )
     assert found.shown is not None  # of lobes that took steps
     lit = temporal.blackened(light.last(found.shown, whole, still).lobes)
-    unit = torch.tensor([frame.exposure for frame in frames])[:, None, None].to(lit.axes)
+    unit = lit.axes.new_tensor([frame.exposure for frame in frames])[:, None, None]
     fits = [with_flux_of(lit[k], frame, 0.0).lobes.amplitude for k, frame in enumerate(frames)]
     lit = replace(lit, amplitude=torch.stack(fits) / unit)
     after, before = replace(found.shown, lobes=lit).radiance, shown.radiance
@@ -207,7 +207,7 @@ def _gathered(shot: Lobes, index: Tensor, tracks: Tensor, frames: list[Exposed])
         frames: Maps whose units are wanted.
     """
     rows = index[:, None]
-    unit = torch.tensor([frame.exposure for frame in frames])[:, None, None]
+    unit = torch.tensor([frame.exposure for frame in frames], dtype=torch.float32)[:, None, None]
     found = shot[rows, tracks]
     lobes = replace(found, amplitude=found.amplitude * (1 / unit))
     return lobes.to(frames[0].radiance.device)

@@ -111,6 +111,6 @@ def _shear(shifted: Tensor, shape: Tensor) -> tuple[Tensor, Tensor]:
     sx, sy = shifted.unbind(-1)
     a, c, b = sx * (even + odd * d), sy * (even - odd * d), (sx * sy).sqrt() * odd * r
     half = (a - c) / 2
-    radius = (half * half + b * b).sqrt() * torch.where(half < 0, -1.0, 1.0)
+    radius = (half * half + b * b).sqrt() * torch.where(half < 0, -1.0, 1.0).to(half)
     values = torch.stack([(a + c) / 2 + radius, (a + c) / 2 - radius], dim=-1)
     return values, 0.5 * torch.atan(b / torch.where(half == 0, torch.finfo(b.dtype).tiny, half))

@@ -312,7 +312,7 @@ def loss_gradient(radiance: Tensor, frame: Target, found: LossTerms | None = Non
 def _probe_corners(corner: float, device: str) -> Tensor:
     """Return phi's corner for each probe, of its mean.  [K']."""
     corners = [EVEN_CORNER if each.kernel == kernels.EVEN else corner for each in PROBES]
-    return torch.tensor(corners, device=device)
+    return torch.tensor(corners, dtype=torch.float32, device=device)
 
 
 def per_cell_loss(radiance: Tensor, frame: Target) -> Tensor:

@@ -214,7 +214,7 @@ def _filter(source: Probe, rows: int) -> Tensor:
     texels, solid_angle = _texels(rows)
     v = (torch.arange(source.rings, dtype=torch.float64) + 0.5) / source.rings
     u = torch.tensor(0.5 / (2 * rows), dtype=torch.float64)  # on the first column of texels
-    found = torch.empty(source.rings, rows, rows + 1)
+    found = torch.empty(source.rings, rows, rows + 1, dtype=torch.float32)
     some = max(1, kernels.BLOCK // len(texels))
     cosine = latlong.direction_from_uv(u, v) @ texels.mT  # at once: of one ring it rounds otherwise
     for of_rings, ring in zip(cosine.split(some), found.split(some), strict=True):

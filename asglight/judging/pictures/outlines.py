@@ -46,7 +46,7 @@ def outline(axes: Tensor, sharpness: Tensor, form: Form) -> Tensor:
     Returns:
         Unit directions; NaN where the lobe has no edge within its hemisphere.  [722, 3]
     """
-    turn = torch.linspace(0, 2 * math.pi, _POINTS)
+    turn = torch.linspace(0, 2 * math.pi, _POINTS, dtype=torch.float32)
     if form is Form.SG:
         z = (1 - 0.5 / sharpness[0]).expand_as(turn)
         radius = (1 - z * z).clamp(min=0).sqrt()
