@@ -29,6 +29,7 @@ from asglight.fitting.following import slots
 from asglight.fitting.following.pull_in import pulled_in, re_detected, responsibilities
 from asglight.fitting.following.relocation import COST as RELOCATION_COST
 from asglight.fitting.following.relocation import Relocation, relocated
+from asglight.fitting.following.returning import lit_again
 from asglight.fitting.following.trials import TrialSettings
 from asglight.fitting.loss import lobe_images, objective, temporal
 from asglight.fitting.loss.objective import Corners
@@ -101,8 +102,8 @@ CHANGED = 1.2
 lobes are far too few for the map every loss is high, and nothing is in doubt."""
 
 AFRESH_GAIN = 2 / 3
-"""Share of the loss below which a fit from nothing, or from the frame before the last, takes the
-place of one that was followed."""
+"""Share of the loss below which a fit from nothing, one from the frame before the last, or one with
+dark tracks lit again takes the place of one that was followed."""
 
 
 def fit_next_frame(
@@ -135,9 +136,12 @@ def fit_next_frame(
     coarse = objective.trial_target(frame.radiance, settings.whole[0].corners)
     width_min = narrowest(frame.height)
     guess = _guess_from(previous, earlier, frame.exposure, coarse, width_min)
-    if earlier is not None and guess.unlike > CHANGED * float(guess.outcome.value):
-        guess = _if_it_was_a_flash(guess, earlier, frame.exposure, coarse, width_min)
+    if guess.unlike > CHANGED * float(guess.outcome.value):
+        if earlier is not None:
+            guess = _if_it_was_a_flash(guess, earlier, frame.exposure, coarse, width_min)
+        guess = _if_lights_come_back(guess, coarse, count)
     before, tracks, own = guess.before, guess.tracks, guess.own
+    free = free & temporal.is_dark(before)
     outcome, unlike = guess.outcome, guess.unlike
     prior = temporal.prior(outcome.lobes)
     outcome = stepped(outcome, coarse, settings.coarse, prior, width_min)
@@ -218,6 +222,17 @@ def _if_it_was_a_flash(
         return guess
     back = _guess_from(earlier, None, exposure, frame, width_min)
     return back if back.outcome.value < AFRESH_GAIN * guess.outcome.value else guess
+
+
+def _if_lights_come_back(guess: _Guess, frame: objective.Target, count: int) -> _Guess:
+    """Return the guess with dark tracks lit where they were, where that is the better one."""
+    tracks, lit = lit_again(guess.before, frame, count)
+    value = objective.value(lit.radiance, frame)
+    if float(value) >= AFRESH_GAIN * float(guess.outcome.value):
+        return guess
+    own = lit.lobes[0]
+    outcome = newton.Outcome(lit.lobes, value, torch.full_like(value, DAMPING_START), lit)
+    return _Guess(guess.before.replaced(tracks, own), tracks, own, outcome, guess.unlike)
 
 
 def _if_better(

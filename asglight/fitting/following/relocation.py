@@ -47,7 +47,7 @@ class Relocation:
     """How much is spent on relocating lobes in a frame.
 
     Attributes:
-        rounds: Lobes relocated, at most.
+        rounds: Lobes relocated, at most; where fewer are lit than may be, lights are added beyond.
         trial: Steps of each trial, and the lobes that take them.
         splits: Halves that compete in a round.
     """
@@ -66,7 +66,7 @@ def relocated(
     width_min: float,
     settings: Relocation,
 ) -> tuple[Lobes, Tensor]:
-    """Relocate lobes one by one, while that gains enough.
+    """Relocate or add lobes one by one, while that gains enough.
 
     Args:
         start: Lit lobes.  F = 1
@@ -82,9 +82,11 @@ def relocated(
     """
     best = start.lobes[0]
     stays = ~temporal.is_dark(best)
-    for number in range(min(settings.rounds, room)):
+    for number in range(room):
         lit = torch.nonzero(stays).flatten()
         own, is_full = best.select(lit), len(lit) >= count
+        if is_full and number >= settings.rounds:
+            break
         gone, trials = _trials(own, frame, is_full, width_min, settings.splits)
         if number == 0 and not is_full:
             trials += _one_more(before.select(lit), frame)
