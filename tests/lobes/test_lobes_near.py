@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from asglight.lobes import Lobes
-from asglight.lobes.data import stack
+from asglight.lobes.data import joined, stack
 from asglight.lobes.frames import axes_around
 from asglight.lobes.identity.near import nearest
 
@@ -35,6 +35,15 @@ def test_broad_lobes_are_near_within_twenty_degrees_each() -> None:
     lobes = on_the_horizon([0.0, 39.0, 80.5], 0.1)
     _, is_near = nearest(lobes, torch.ones(3, dtype=torch.bool))
     assert is_near.tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize(("degrees", "is_within"), [(15.0, True), (18.0, False)])
+def test_a_lamp_is_near_to_a_broad_lobe_that_is_about_it(degrees: float, is_within: bool) -> None:
+    """Widths of 20 and 3.3 degrees: twice their geometric mean is 16.3 degrees, their sum 23."""
+    lamp, sky = on_the_horizon([0.0], 150.0), on_the_horizon([degrees], 0.5)
+    both = joined(lamp, sky)
+    _, is_near = nearest(both, torch.ones(2, dtype=torch.bool))
+    assert is_near.tolist() == [is_within] * 2
 
 
 @pytest.mark.parametrize("count", [1, 2])

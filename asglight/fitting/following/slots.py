@@ -9,6 +9,8 @@ track are about as wide as each other: a card shows what is narrow, a dome what 
 track is shown by holds for the whole shot.
 """
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -27,6 +29,9 @@ SAME = 0.5
 ROWS = 32
 """Of the images by which lobes are alike: lamps in one cell of 6 degrees are. With 64 rows irr is
 .768 and 1.038 of the same."""
+
+KEPT, TURN = 0.1, math.radians(10)
+"""A lobe that has turned by more, and kept less of its light and widths, is another light."""
 
 FAR = 1e3
 """More than lobes can be unlike: 2 log(3e-4)^2 + pi^2 is 140."""
@@ -109,6 +114,25 @@ def track_for(light: Lobes, free: Tensor, dark: Tensor, taken: Tensor, known: Lo
         return nearest
     rank = unlike(light, known)[0] + FAR * ((~free).long() + (~dark).long())
     return int(torch.where(taken, torch.inf, rank).argmin())
+
+
+def is_other(lobes: Lobes, before: Lobes) -> Tensor:
+    """Tell which lobes have become another light.
+
+    A sky lobe that goes to a lamp that is switched on would sweep there between the frames. Of
+    light and widths it has the share in common.
+
+    Args:
+        lobes: Lobes.  [K, .]
+        before: Each of them one frame before.  [K, .]
+    """
+    flux, known = asg.flux(lobes), asg.flux(before)
+    tiny = torch.finfo(flux.dtype).tiny
+    light = torch.minimum(flux, known).sum(-1) / torch.maximum(flux, known).sum(-1).clamp(min=tiny)
+    ratio = widths(lobes) / widths(before)
+    shape = (2 * ratio / (1 + ratio.square())).prod(-1)
+    turn = torch.acos((lobes.axis_z * before.axis_z).sum(-1).clamp(-1, 1))
+    return (turn > TURN) & (light * shape < KEPT)
 
 
 def widths(lobes: Lobes) -> Tensor:

@@ -11,6 +11,13 @@ WIDTH_MAX = 0.35
 """Radians, 20 degrees: a broad lobe is near to lobes within these, not to half of the sphere."""
 
 
+REACH = 2.0
+"""Of lobes on one lamp, in the geometric mean of both widths: as far as two see that are as wide as
+each other, and less where one is much wider. A sky lobe about a lamp that is switched on turns by
+tens of degrees, and the lamp stays. Half-way between frames of lamps that chase each other, irr is
+half of what it is with the sum of both widths."""
+
+
 def nearest(lobes: Lobes, among: Tensor) -> tuple[Tensor, Tensor]:
     """Return which of some lobes is nearest to each, in their widths.
 
@@ -20,17 +27,15 @@ def nearest(lobes: Lobes, among: Tensor) -> tuple[Tensor, Tensor]:
             lobe itself.
 
     Returns:
-        The index of the nearest, and whether it is within the sum of both widths.  [..., N] each
+        The index of the nearest, and whether it is within `REACH`.  [..., N] each
     """
     narrow = lobes.sharpness.amin(-1)
     width = (asg.per_variance(lobes.form) * narrow).rsqrt().clamp(max=WIDTH_MAX)
     turned = torch.acos((lobes.axis_z @ lobes.axis_z.mT).clamp(-1, 1))
     itself = torch.eye(lobes.count, dtype=torch.bool, device=among.device)
-    apart = torch.where(
-        among & ~itself, turned / (width[..., None, :] + width[..., None]), torch.inf
-    )
-    closest, index = apart.min(-1)
-    return index, closest < 1
+    both = (width[..., None, :] * width[..., None]).sqrt()
+    closest, index = torch.where(among & ~itself, turned / both, torch.inf).min(-1)
+    return index, closest < REACH
 
 
 def onward(before: Lobes, earlier: Lobes, known: Tensor) -> Tensor:
