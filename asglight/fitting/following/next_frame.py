@@ -102,9 +102,9 @@ CHANGED = 1.2
 lobes are far too few for the map every loss is high, and nothing is in doubt."""
 
 RETURN_LOSS = 0.2
-"""Loss of the guess from which dark tracks are asked for. It takes a tenth of a live frame. Of lamps
-that chase each other it is 1.2 to 1.7; of `day`, `tunnel` and `handheld`, where none comes back at
-once, a tenth at most."""
+"""Loss of the guess from which dark tracks are asked for, which takes a tenth of a live frame. Of
+lamps that chase each other it is 1.2 to 1.7; of `day`, `tunnel` and `handheld`, where none comes
+back at once, at most a tenth."""
 
 AFRESH_GAIN = 2 / 3
 """Share of the loss below which a fit from nothing, one from the frame before the last, or one with
