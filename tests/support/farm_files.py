@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tiny shots that are easy to follow: broad lamps that turn by a degree or two a frame."""
+"""Tiny shots of broad lamps, which turn by up to 170 degrees over the shot."""
 
 from pathlib import Path
 
