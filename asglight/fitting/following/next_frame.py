@@ -267,7 +267,8 @@ def _followed(
     if len(stays) == len(guess.tracks) and not bool(is_other.any()):
         return replace(fit, lobes=_in_tracks(fit.lobes, guess.tracks[begun], previous))
     origin = torch.where(is_new | is_other, -1, guess.tracks[start])
-    left = start[is_other]  # their tracks are as they were
+    left = slots.is_other(reached, guess.own)
+    left[start[is_other]] = True  # their tracks are as they were
     known = guess.before.replaced(guess.tracks, reached)
     known = known.replaced(guess.tracks[left], guess.own.select(left))
     return _in_own_tracks(fit, origin.tolist(), known, previous, free)

@@ -30,8 +30,10 @@ ROWS = 32
 """Of the images by which lobes are alike: lamps in one cell of 6 degrees are. With 64 rows irr is
 .768 and 1.038 of the same."""
 
-KEPT, TURN = 0.1, math.radians(10)
-"""A lobe that has turned by more, and kept less of its light and widths, is another light."""
+TURN, ALIKE = math.radians(10), 0.2
+"""A lobe that turned by more, and whose widths are less alike, is another light. Sky lobes that go
+to a lamp come to .11 or less, lamps that pass in `tunnel` to .3 or more. What light they have does
+not count: lobes of one lamp share it out anew in every frame."""
 
 FAR = 1e3
 """More than lobes can be unlike: 2 log(3e-4)^2 + pi^2 is 140."""
@@ -119,20 +121,17 @@ def track_for(light: Lobes, free: Tensor, dark: Tensor, taken: Tensor, known: Lo
 def is_other(lobes: Lobes, before: Lobes) -> Tensor:
     """Tell which lobes have become another light.
 
-    A sky lobe that goes to a lamp that is switched on would sweep there between the frames. Of
-    light and widths it has the share in common.
+    A sky lobe that goes to a lamp that is switched on would sweep there between the frames. Widths
+    are as alike as the peaks of two Gaussians of one place are, one seen through the other.
 
     Args:
         lobes: Lobes.  [K, .]
         before: Each of them one frame before.  [K, .]
     """
-    flux, known = asg.flux(lobes), asg.flux(before)
-    tiny = torch.finfo(flux.dtype).tiny
-    light = torch.minimum(flux, known).sum(-1) / torch.maximum(flux, known).sum(-1).clamp(min=tiny)
     ratio = widths(lobes) / widths(before)
-    shape = (2 * ratio / (1 + ratio.square())).prod(-1)
+    alike = (2 * ratio / (1 + ratio.square())).prod(-1)
     turn = torch.acos((lobes.axis_z * before.axis_z).sum(-1).clamp(-1, 1))
-    return (turn > TURN) & (light * shape < KEPT)
+    return (turn > TURN) & (alike < ALIKE)
 
 
 def widths(lobes: Lobes) -> Tensor:

@@ -137,31 +137,20 @@ def test_a_sky_fitted_afresh_is_not_the_sun_that_stays() -> None:
 
 
 @pytest.mark.parametrize(
-    ("degrees", "sharpness", "light", "is_other"),
+    ("degrees", "sharpness", "is_other"),
     [
-        (40, (1.0, 400.0), (0.5, 900.0), True),  # a sky lobe that goes to a lamp
-        (40, (1.0, 400.0), (60.0, 24000.0), True),  # of as much light
-        (9, (1.0, 400.0), (0.5, 900.0), False),  # there already
-        (40, (400.0, 300.0), (900.0, 500.0), False),  # a lamp that moves by far
-        (0, (400.0, 100.0), (900.0, 20.0), False),  # a sun that a cloud dims
-        (40, (400.0, 400.0), (900.0, 45.0), True),
-        (40, (400.0, 400.0), (900.0, 180.0), False),
+        (40, (1.0, 400.0), True),  # a sky lobe that goes to a lamp
+        (9, (1.0, 400.0), False),  # there already
+        (40, (400.0, 300.0), False),  # a lamp that moves by far
+        (40, (400.0, 1.0), True),
     ],
 )
-def test_a_lobe_that_goes_far_and_keeps_little_is_another_light(
-    degrees: float, sharpness: tuple[float, ...], light: tuple[float, ...], is_other: bool
+def test_a_lobe_that_goes_far_and_changes_its_widths_is_another_light(
+    degrees: float, sharpness: tuple[float, ...], is_other: bool
 ) -> None:
     angle = math.radians(degrees)
     places = [(0.0, 0.0, 1.0), (math.sin(angle), 0.0, math.cos(angle))]
     before, after = (
-        lamps([place], [narrow], [strong])
-        for place, narrow, strong in zip(places, sharpness, light, strict=True)
+        lamps([place], [narrow], [1.0]) for place, narrow in zip(places, sharpness, strict=True)
     )
     assert slots.is_other(after, before).tolist() == [is_other]
-
-
-def test_a_lobe_that_takes_another_colour_elsewhere_is_another_light() -> None:
-    red, blue = (lamps([place], [100.0], [1.0]) for place in (A, C))
-    red.amplitude[:] = torch.tensor([9.0, 0.5, 0.1])
-    blue.amplitude[:] = torch.tensor([0.1, 0.5, 9.0])
-    assert slots.is_other(blue, red).tolist() == [True]
