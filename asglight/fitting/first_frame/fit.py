@@ -14,7 +14,7 @@ from asglight.fitting.first_frame.split_merge import split_and_merge
 from asglight.fitting.loss import adaptive_cells, objective
 from asglight.fitting.loss.grid import grid
 from asglight.fitting.loss.objective import Corners
-from asglight.fitting.steps import newton
+from asglight.fitting.steps import light, newton
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
@@ -265,7 +265,8 @@ def fit_first_frame(
     if form is None and flat_tops.promises(best.found.lobes, whole, width_min):
         flat = fitted(Form.FLAT)
         best = flat if flat_tops.gains(flat.found, best.found) else best
-    return with_flux_of(best.lit.lobes[0], frame, float(best.found.value))
+    lit = light.last_by_texel_means(best.lit, last)
+    return with_flux_of(lit.lobes[0], frame, float(best.found.value))
 
 
 def prepare() -> None:

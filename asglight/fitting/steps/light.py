@@ -9,11 +9,13 @@ from torch import Tensor
 
 from asglight.fitting import compiled
 from asglight.fitting.loss import adaptive_cells, objective
+from asglight.fitting.loss.grid import coarsen
 from asglight.fitting.loss.lobe_images import Images
 from asglight.fitting.loss.objective import Corners
 from asglight.fitting.loss.probes import probe, tables
 from asglight.fitting.steps import newton
 from asglight.fitting.steps.non_negative import non_negative_least_squares
+from asglight.lobes import texels
 
 CORNERS = Corners(0.1, 0.002)
 """phi's corners of a fit's last solution: what it can mend of what balls show."""
@@ -42,6 +44,35 @@ def with_amplitudes(found: newton.Outcome, frame: objective.Target) -> Images:
     """
     assert found.shown is not None  # of lobes that took steps
     return last(found.shown, frame)
+
+
+def last_by_texel_means(shown: Images, frame: objective.Target) -> Images:
+    """Return lobes with the last solution for their light, by their means over the map's texels.
+
+    Steps see a lobe at the centres of cells, as wide as its mean over one would be. So a streak
+    thinner than a texel looks a sixth darker between two rows of centres and a tenth brighter on
+    one; where it crosses rows, its middle seems to lie elsewhere. Of one strip lamp, where steps
+    saw an irr of 0.0001, it was 0.0012.
+
+    Args:
+        shown: The lobes on the adaptive cells.
+        frame: The maps.
+    """
+    places = frame.places
+    means = shown.values * shown.scale[..., None]
+    found = False
+    for index, (values, texel) in enumerate(zip(means, places.texel, strict=True)):
+        lobes = shown.lobes[index]
+        narrow = texels.is_narrow(lobes, places.fine_rows)
+        if bool(narrow.any()):
+            grid = places.fine_rows, 2 * places.fine_rows
+            own = texels.unit_texel_means(lobes.select(narrow), *grid)
+            cells = coarsen(own, places.fine_rows, places.rows)
+            values[narrow] = torch.cat([cells, own[:, texel]], dim=-1)
+            found = True
+    if not found:
+        return shown
+    return last(Images(shown.lobes, means, means, torch.ones_like(shown.scale)), frame)
 
 
 def solve_amplitudes(shown: Images, frame: objective.Target, still: Tensor | None = None) -> Images:

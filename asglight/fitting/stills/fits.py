@@ -138,7 +138,8 @@ def _fitted(batch: _Batch, count: int, form: Form) -> list[FrameFit]:
     aims = reweighting.aims_of_each(yardstick, batch.last, SETTINGS.left)
     found = _best_end(batch, count, form, aims)
     found = balanced_each(found, batch.last, aims, batch.width_min)
-    lobes = canonical(light.with_amplitudes(found, batch.last).lobes.to("cpu"))
+    lit = light.last_by_texel_means(light.with_amplitudes(found, batch.last), batch.last)
+    lobes = canonical(lit.lobes.to("cpu"))
     return [
         first_frame.with_flux_of(own, replace(frame, flux=frame.flux.cpu()), loss)
         for own, frame, loss in zip(_each(lobes), batch.frames, found.value.tolist(), strict=True)

@@ -16,7 +16,7 @@ from asglight.fitting.loss import lobe_images, objective, probes
 from asglight.fitting.loss.adaptive_cells import adaptive_cells, to_cells
 from asglight.fitting.steps import light
 from asglight.lobes import Form, Lobes, texels
-from asglight.lobes.data import stack
+from asglight.lobes.data import joined, stack
 from asglight.sphere import latlong
 
 
@@ -150,6 +150,30 @@ def test_solving_amplitudes_leaves_a_lobe_dark_where_the_map_is() -> None:
     assert float(amplitude.min()) >= 0.0
     # the reference is of means, the image a footprint: its ring would take a little of either sign
     torch.testing.assert_close(amplitude, truth.amplitude, rtol=1e-2, atol=1e-3)
+
+
+@pytest.mark.parametrize(("height_rad", "seen_as"), [(0.0, 1.16), (0.024, 0.91)])
+def test_light_by_texel_means_finds_that_of_a_streak_thinner_than_a_row(
+    height_rad: float, seen_as: float
+) -> None:
+    axis_z = torch.tensor([0.0, math.sin(height_rad), math.cos(height_rad)])
+    up = torch.tensor([0.0, math.cos(height_rad), -math.sin(height_rad)])
+    axes = torch.stack([up, torch.linalg.cross(axis_z, up), axis_z])[None]
+    streak = Lobes(axes, torch.tensor([[4000.0, 1.6]]), torch.full((1, 3), 20.0))
+    truth = joined(streak, lamps([(0.0, 1.0, 0.2), (0.3, -1.0, 0.0)], [2.0, 1.0], [1.0, 0.5]))
+    frame = shown(truth, 64)
+    seen = light.last(lobe_images.images(truth[None], frame.places), frame)
+    # between two rows of centres it looks darker than it is, on one brighter
+    assert float(seen.lobes.amplitude[0, 0, 0]) == pytest.approx(20 * seen_as, rel=0.02)
+    found = light.last_by_texel_means(seen, frame).lobes.amplitude[0]
+    torch.testing.assert_close(found, truth.amplitude, rtol=1e-3, atol=1e-3)
+
+
+def test_light_of_wide_lobes_alone_is_not_solved_again() -> None:
+    truth = lamps([(0.0, 1.0, 0.2), (0.3, -1.0, 0.0)], [2.0, 1.0], [1.0, 0.5])
+    frame = shown(truth, 64)
+    seen = lobe_images.images(truth[None], frame.places)
+    assert light.last_by_texel_means(seen, frame) is seen
 
 
 @pytest.mark.parametrize("form", list(Form))
