@@ -218,13 +218,13 @@ def loss_terms(
 
 
 def loss_gradient(
-    radiance: Tensor, found: "objective.LossTerms", places: Adaptive, frame: Target, probes: Probes
+    radiance: Tensor, terms: "objective.LossTerms", places: Adaptive, frame: Target, probes: Probes
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return slope, env_weight and view_weight of `objective.LossGradient`.
 
     Args:
         radiance: Reconstructions on the adaptive cells.  [F, 3, P]
-        found: Their sizes.
+        terms: Theirs.
         places: The adaptive cells.
         frame: The maps.
         probes: On the adaptive cells' grid.
@@ -233,7 +233,7 @@ def loss_gradient(
     slope = torch.empty_like(radiance)
     env_weight = radiance.new_empty(len(radiance), radiance.shape[-1])
     view_weight = radiance.new_empty(len(radiance), probes.views)
-    given = _contiguous(found.parts, found.texels, found.views, found.seen)
+    given = _contiguous(terms.parts, terms.texels, terms.views, terms.seen)
     _call(
         *("asglight_loss_gradient", len(radiance), places, frame, probes, radiance, *given),
         *(slope, env_weight, view_weight),

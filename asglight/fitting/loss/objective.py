@@ -156,16 +156,14 @@ class LossTerms:
 
 @dataclass(frozen=True)
 class LossGradient:
-    """J of a reconstruction, and how it changes.
+    """How J of a reconstruction changes.
 
     Attributes:
-        value: J, less its constant: 0 for a perfect fit.  [F]
         slope: dJ / d radiance.  [F, 3, P]
         env_weight: Weight of each adaptive cell's square in J's majoriser.  [F, P]
         view_weight: The same for each view of the probes.  [F, D]
     """
 
-    value: Tensor
     slope: Tensor
     env_weight: Tensor
     view_weight: Tensor
@@ -278,33 +276,31 @@ def of_materials(seen: Tensor, frame: Target) -> Tensor:
     return (frame.view_weight * (seen - frame.view_corner)).sum(-1)
 
 
-def loss_gradient(radiance: Tensor, frame: Target, found: LossTerms | None = None) -> LossGradient:
-    """Return J, its slope and the weights of its majoriser for reconstructions.
+def loss_gradient(radiance: Tensor, frame: Target, terms: LossTerms | None = None) -> LossGradient:
+    """Return the slope of J and the weights of its majoriser for reconstructions.
 
     Args:
         radiance: Reconstructions on the adaptive cells.  [F, 3, P]
         frame: The maps.
-        found: Their `loss_terms`, where they are known.
+        terms: Their `loss_terms`, where they are known.
     """
-    found = found or loss_terms(radiance, frame)
+    terms = terms or loss_terms(radiance, frame)
     if compiled.looks(radiance, frame.places):
-        given = frame.places.compiled, frame.compiled, tables(frame.places.rows)
-        return LossGradient(found.value, *compiled.loss_gradient(radiance, found, *given))
+        laid = frame.places.compiled, frame.compiled, tables(frame.places.rows)
+        return LossGradient(*compiled.loss_gradient(radiance, terms, *laid))
     places, cells = frame.places, frame.places.count
     share = places.share * (frame.env_weight / frame.env_scale)[:, None]
     part = radiance[:, None, :, :cells] - frame.parts
-    weight = share[:, None, :cells] / (found.parts.shape[1] * found.parts)
+    weight = share[:, None, :cells] / (terms.parts.shape[1] * terms.parts)
     slope, env_weight = (part * weight[:, :, None]).sum(1), weight.sum(1)
     if places.texel.shape[-1]:
-        weight = share[:, cells:] / found.texels
+        weight = share[:, cells:] / terms.texels
         residual = radiance[..., cells:] - frame.radiance[..., cells:]
         slope = torch.cat([slope, residual * weight[:, None]], dim=-1)
         env_weight = torch.cat([env_weight, weight], dim=-1)
-    view_weight = frame.view_weight / found.seen
-    pulled = pull(found.views * view_weight[:, None], places.rows)
-    return LossGradient(
-        found.value, slope + adaptive_cells.from_cells(pulled, places), env_weight, view_weight
-    )
+    view_weight = frame.view_weight / terms.seen
+    pulled = pull(terms.views * view_weight[:, None], places.rows)
+    return LossGradient(slope + adaptive_cells.from_cells(pulled, places), env_weight, view_weight)
 
 
 @lru_cache(maxsize=16)

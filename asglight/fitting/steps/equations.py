@@ -22,13 +22,13 @@ from asglight.lobes import Lobes, asg
 
 
 def normal_equations(
-    shown: Images, found: LossGradient, frame: objective.Target
+    shown: Images, loss_gradient: LossGradient, frame: objective.Target
 ) -> tuple[Tensor, Tensor]:
     """Return the Gauss-Newton matrix and the gradient of J.
 
     Args:
         shown: The lobes on the frames' adaptive cells.
-        found: J of what they show.
+        loss_gradient: Of what they show.
         frame: The maps and their weights.
 
     Returns:
@@ -38,8 +38,8 @@ def normal_equations(
     cells = summed_on(places)
     if compiled.serves(lobes, places):
         adaptive, probes = places.compiled, tables(cells.height)
-        slopes, of_scale = compiled.slopes(lobes, shown.scale, found.slope, adaptive)
-        weights = found.env_weight, found.view_weight
+        slopes, of_scale = compiled.slopes(lobes, shown.scale, loss_gradient.slope, adaptive)
+        weights = loss_gradient.env_weight, loss_gradient.view_weight
         scales = shown.scale, of_scale
         hessian = compiled.matrix(lobes, scales, adaptive, cells, probes, weights)
         return hessian, slopes.flatten(1)
@@ -47,15 +47,15 @@ def normal_equations(
     seen = footprint(lobes, [*sizes, cells.height])
     of_adaptive = Footprint(seen.exponent[:-1], seen.derivatives[:-1])
     of_scale = lobe_images.scale_slopes(shown, of_adaptive, places)
-    slopes = lobe_images.slopes(shown, of_adaptive, of_scale, found.slope, places)
+    slopes = lobe_images.slopes(shown, of_adaptive, of_scale, loss_gradient.slope, places)
     coarse = lobe_images.grid_columns(lobes, seen, -1, cells)
-    weight = cell_sums(found.env_weight[:, : places.count], places.rows, cells.height)
+    weight = cell_sums(loss_gradient.env_weight[:, : places.count], places.rows, cells.height)
     gram = (coarse * weight[:, None]) @ coarse.mT
     for level, (_, monomials, place) in list(enumerate(places.levels))[1:]:
         sharp = lobe_images.adaptive_columns(shown, seen, of_scale, level, monomials)
-        gram += (sharp * found.env_weight[:, None, place]) @ sharp.mT
+        gram += (sharp * loss_gradient.env_weight[:, None, place]) @ sharp.mT
     views = probe(coarse, cells.height)
-    gram += (views * found.view_weight[:, None]) @ views.mT
+    gram += (views * loss_gradient.view_weight[:, None]) @ views.mT
     return _chain(gram.double(), lobes.amplitude.double()), slopes.double().flatten(1)
 
 
