@@ -85,8 +85,7 @@ def texel_solid_angles(
     Returns:
         Steradians.  [H, W]
     """
-    sin_latitude = torch.cos(torch.linspace(0, math.pi, height + 1, dtype=torch.float64))
-    rows = (2 * math.pi / width) * (sin_latitude[:-1] - sin_latitude[1:])
+    rows = (2 * math.pi / width) * torch.diff(_band_edges(height))
     return rows.to(dtype=dtype, device=device)[:, None].expand(height, width)
 
 
@@ -111,8 +110,8 @@ def reduce(radiance: Tensor, height: int, width: int) -> Tensor:
     if radiance.shape[0] % height == 0 and radiance.shape[1] % width == 0:
         areas = torch.diff(_band_edges(radiance.shape[0])).reshape(height, -1)
         return _block_means(radiance, areas, width)
-    rows = _overlap(_band_edges(radiance.shape[0]), _band_edges(height)).to(radiance)
-    columns = _overlap(_column_edges(radiance.shape[1]), _column_edges(width)).to(radiance)
+    rows = _covered_shares(_band_edges(radiance.shape[0]), _band_edges(height)).to(radiance)
+    columns = _covered_shares(_column_edges(radiance.shape[1]), _column_edges(width)).to(radiance)
     by_row = (rows @ radiance.flatten(1)).reshape(height, *radiance.shape[1:])  # [height, W, C]
     return columns @ by_row
 
@@ -161,7 +160,7 @@ def _column_edges(width: int) -> Tensor:
     return torch.linspace(0, 1, width + 1, dtype=torch.float64)
 
 
-def _overlap(source_edges: Tensor, target_edges: Tensor) -> Tensor:
+def _covered_shares(source_edges: Tensor, target_edges: Tensor) -> Tensor:
     """Return the share of each target interval that each source interval covers; rows sum to 1."""
     low = torch.maximum(source_edges[None, :-1], target_edges[:-1, None])
     high = torch.minimum(source_edges[None, 1:], target_edges[1:, None])

@@ -38,12 +38,12 @@ def rows(source: int, target: int) -> Overlap:
         source: Rows of a map.
         target: Rows of the coarser one, at most as many.
     """
-    return _overlap(_band_edges(source), _band_edges(target))
+    return _overlap_of_edges(_band_edges(source), _band_edges(target))
 
 
 def columns(source: int, target: int) -> Overlap:
     """Return the overlap of columns: as `rows`, of equal intervals of longitude."""
-    return _overlap(np.linspace(0, 1, source + 1), np.linspace(0, 1, target + 1))
+    return _overlap_of_edges(np.linspace(0, 1, source + 1), np.linspace(0, 1, target + 1))
 
 
 def _band_edges(height: int) -> NDArray[np.float64]:
@@ -51,7 +51,7 @@ def _band_edges(height: int) -> NDArray[np.float64]:
     return -np.cos(np.linspace(0, math.pi, height + 1))
 
 
-def _overlap(source: NDArray[np.float64], target: NDArray[np.float64]) -> Overlap:
+def _overlap_of_edges(source: NDArray[np.float64], target: NDArray[np.float64]) -> Overlap:
     """Return the overlap of intervals given by their edges, which are regular in some measure."""
     fine, coarse = len(source) - 1, len(target) - 1
     assert coarse <= fine, (coarse, fine)
