@@ -33,8 +33,8 @@ from torch import Tensor
 from asglight.errors import InputError
 from asglight.lobes import asg
 from asglight.lobes.data import Form, Lobes, LobeTracks, combined, first_unused, lobe_names
-from asglight.lobes.frames import align, continuous, orthonormal, slerp
-from asglight.lobes.motion import mixed
+from asglight.lobes.frames import align, continuous, slerp
+from asglight.lobes.motion import exact, mixed
 
 CARRIED_DEG = 10.0
 """How far light is carried for the price of putting it out or lighting it."""
@@ -104,12 +104,12 @@ def stitched(parts: Sequence[LobeTracks], names: Sequence[str] | None = None) ->
     named.sort(key=lambda pair: pair[0].frames[0])
     _check_alike(named)
     first, _ = named[0]
-    frames, lobes = first.frames, _exact(first.lobes)
+    frames, lobes = first.frames, exact(first.lobes)
     called, shown = first.names, dict(first.display_names)
     unused = first_unused(name for part in parts for name in part.names)
     for (_, name), (part, next_name) in itertools.pairwise(named):
         overlap = _overlap(frames, part.frames, f"{name} and {next_name}", _step(parts))
-        seam = _Seam(lobes, _exact(part.lobes), overlap)
+        seam = _Seam(lobes, exact(part.lobes), overlap)
         rows = _rows(seam)
         lobes = _joined(seam, rows)
         frames = (*frames, *part.frames[overlap:])
@@ -120,11 +120,6 @@ def stitched(parts: Sequence[LobeTracks], names: Sequence[str] | None = None) ->
                 shown.setdefault(name, part.display_names[own])
     lobes = continuous(lobes).to(torch.float32)
     return LobeTracks(frames, first.fps, lobes, first.metadata, called, shown)
-
-
-def _exact(lobes: Lobes) -> Lobes:
-    lobes = lobes.to("cpu", torch.float64)
-    return replace(lobes, axes=orthonormal(lobes.axes))
 
 
 def _range(frames: Sequence[int]) -> str:

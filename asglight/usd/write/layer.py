@@ -8,18 +8,17 @@ values.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from pxr import Gf, Sdf
 from torch import Tensor
 
 from asglight.lobes import LobeTracks, frames
 from asglight.lobes.data import Lobes
+from asglight.lobes.motion import exact
 from asglight.threads import beside, one_thread
 from asglight.usd import schema
 from asglight.usd.digest import author_digest, digest_of_values
@@ -140,9 +139,7 @@ def continuous(lobes: Lobes, *, keeps_first: bool = False) -> Lobes:
         keeps_first: As of `frames.continuous`: edits keep what is width and what is height, and
             with them a key's texture.
     """
-    lobes = lobes.to("cpu", torch.float64)
-    lobes = replace(lobes, axes=frames.orthonormal(lobes.axes))
-    return frames.continuous(lobes, keeps_first=keeps_first)
+    return frames.continuous(exact(lobes), keeps_first=keeps_first)
 
 
 def lobe_tracks(lobes: Lobes) -> dict[str, Tensor]:
