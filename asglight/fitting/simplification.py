@@ -31,6 +31,7 @@ from asglight.fitting.loss.coordinates import BROAD
 from asglight.fitting.loss.measures import even_cells
 from asglight.fitting.loss.probes import PROBES, probe, shares, split
 from asglight.lobes import Form, Lobes, asg
+from asglight.lobes.data import chosen
 from asglight.lobes.frames import orthonormal, parallel_transport
 from asglight.threads import side_by_side
 
@@ -89,10 +90,10 @@ def leave_out(lobes: Lobes, budget: Tensor, threads: int = 1) -> Simplified:
         rounded = rounded_off(result)
         is_round, left = _simplified(result, rounded, left, flux, threads, taken_by_all=True)
         if bool(is_round.any()):
-            result = mixed(is_round, _transported(rounded), result)
+            result = chosen(is_round[None], _transported(rounded), result)
     held = held_still(result)
     static, _ = _simplified(result, held, left, flux, threads, taken_by_all=False)
-    return Simplified(with_flux(mixed(static, held, result), flux, ~static), needed)
+    return Simplified(with_flux(chosen(static[None], held, result), flux, ~static), needed)
 
 
 def changes(before: Lobes, after: Lobes, whole: Tensor, threads: int = 1) -> Tensor:
@@ -185,16 +186,6 @@ def held_still(lobes: Lobes) -> Lobes:
     )
 
 
-def mixed(where: Tensor, first: Lobes, second: Lobes) -> Lobes:
-    """Choose lobe by lobe.  where: [N]; lobes [F, N, .]."""
-    return replace(
-        second,
-        axes=torch.where(where[:, None, None], first.axes, second.axes),
-        sharpness=torch.where(where[:, None], first.sharpness, second.sharpness),
-        amplitude=torch.where(where[:, None], first.amplitude, second.amplitude),
-    )
-
-
 def with_flux(lobes: Lobes, flux: Tensor, takes: Tensor) -> Lobes:
     """Let some lobes take over what a shot lacks of its flux, frame by frame, channel by channel.
 
@@ -248,15 +239,15 @@ def _simplified(
     Returns:
         Which become simpler [N], and the budget left for others [F, K].
     """
-    chosen, cost = _affordable(lobes, simpler, left, flux.sum(-1), threads)
-    while chosen:
+    affordable, cost = _affordable(lobes, simpler, left, flux.sum(-1), threads)
+    while affordable:
         marked = torch.zeros(lobes.count, dtype=torch.bool)
-        marked[chosen] = True
+        marked[affordable] = True
         takes = torch.ones_like(marked) if taken_by_all else ~marked
-        tried = with_flux(mixed(marked, simpler, lobes), flux, takes)
+        tried = with_flux(chosen(marked[None], simpler, lobes), flux, takes)
         if flux_change(tried, flux) <= FLUX_TOLERANCE:
-            return marked, left - cost[:, chosen].sum(1)
-        chosen.pop()
+            return marked, left - cost[:, affordable].sum(1)
+        affordable.pop()
     return torch.zeros(lobes.count, dtype=torch.bool), left
 
 
@@ -278,11 +269,11 @@ def _affordable(
             found = changes(own, other, whole[part], threads)
             cost[part[:, None], near] = found + taken[part][:, near, None]
             near = near[(cost[part][:, near] <= left[part, None]).all(-1).all(0)]
-    chosen: list[int] = []
+    affordable: list[int] = []
     for index in cost.amax((0, 2)).argsort(stable=True).tolist():
-        if bool((cost[:, [*chosen, index]].sum(1) <= left).all()):
-            chosen.append(index)
-    return chosen, cost
+        if bool((cost[:, [*affordable, index]].sum(1) <= left).all()):
+            affordable.append(index)
+    return affordable, cost
 
 
 def _ever_closer(count: int) -> list[Tensor]:

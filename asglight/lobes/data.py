@@ -193,16 +193,16 @@ def joined(one: Lobes, other: Lobes) -> Lobes:
 
 
 def chosen(first: Tensor, one: Lobes, other: Lobes) -> Lobes:
-    """Return the one's lobes in some frames and the other's elsewhere.
+    """Return the one's lobes where marked and the other's elsewhere.
 
     Args:
-        first: Which frames are the one's.  [F]
+        first: Which are the one's: of frames [F], of lobes in all frames [1, N], or of each [F, N].
         one: Lobes of every frame.  [F, N, .]
         other: As many.  [F, N, .]
     """
 
     def of(pair: list[Tensor]) -> Tensor:
-        return torch.where(first.reshape(-1, *[1] * (pair[0].ndim - 1)), *pair)
+        return torch.where(first.reshape(*first.shape, *[1] * (pair[0].ndim - first.ndim)), *pair)
 
     return combined([one, other], of)
 

@@ -25,7 +25,7 @@ import torch
 from torch import Tensor
 
 from asglight.lobes import asg, frames
-from asglight.lobes.data import Form, Lobes, LobeTracks, combined
+from asglight.lobes.data import Form, Lobes, LobeTracks, chosen
 
 
 def at(tracks: LobeTracks, times: Sequence[float]) -> Lobes:
@@ -78,7 +78,7 @@ def between(
         slant=mixed(start.slant, end.slant, share),
     )
     moved = replace(moved, amplitude=flux / asg.integral(moved)[..., None])
-    return _where(share == 0, first, _where(share == 1, last, moved))
+    return chosen(part == 0, first, chosen(part == 1, last, moved))
 
 
 def shapes(first: Lobes, last: Lobes) -> tuple[Lobes, Lobes]:
@@ -136,15 +136,6 @@ def mixed(start: Tensor | None, end: Tensor | None, share: Tensor) -> Tensor | N
     if start is None or end is None:
         return None
     return (1 - share) * start + share * end
-
-
-def _where(mark: Tensor, lobes: Lobes, others: Lobes) -> Lobes:
-    """Return lobes where marked, and the others elsewhere.  [..., N, 1] marks."""
-
-    def of(pair: list[Tensor]) -> Tensor:
-        return torch.where(mark.reshape(*mark.shape, *[1] * (pair[0].ndim - mark.ndim)), *pair)
-
-    return combined([lobes, others], of)
 
 
 def resting(lobes: Lobes) -> Lobes:

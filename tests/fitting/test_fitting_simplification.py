@@ -9,7 +9,7 @@ from lobe_cases import lamps, random_lobes
 from asglight.fitting import simplification
 from asglight.fitting.simplification import BUDGET, FLUX_TOLERANCE, leave_out
 from asglight.lobes import Form, Lobes, asg, texels
-from asglight.lobes.data import stack
+from asglight.lobes.data import chosen, stack
 from asglight.shading import kernels
 from asglight.sphere.quadrature import fibonacci_directions
 
@@ -222,7 +222,7 @@ def test_changes_are_those_of_balls() -> None:
     whole = asg.flux(before.to(torch.float64)).sum((1, 2))
     found = simplification.changes(before, after, whole)[0]  # [N, K]
     for lobe in range(3):
-        mixed = simplification.mixed(torch.arange(3) == lobe, after, before)
+        mixed = chosen(torch.arange(3)[None] == lobe, after, before)
         for probe, kernel in ((1, kernels.LAMBERT), (2, 0.5), (3, 0.25)):
             # directions 5 degrees apart, as wide as what GGX 0.25 shows of a point
             expected = change(before[0], mixed[0], kernel, 2000)
