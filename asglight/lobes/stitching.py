@@ -245,7 +245,7 @@ def _paired(seam: _Seam, rows: Sequence[_Row]) -> _Seam:
 def _rows(seam: _Seam) -> list[_Row]:
     """Return the tracks of both parts together, those of the earlier part in its order."""
     before, after, overlap = seam
-    same = _same_lobes(seam)
+    same = _goes_on_as(seam)
     ended = [i for i in range(before.count) if i not in same]
     begun = [j for j in range(after.count) if j not in same.values()]
     # two dark frames beside the overlap, between which the lobe turns
@@ -293,18 +293,26 @@ def _reversed(lobes: Lobes) -> Lobes:
     return lobes[torch.arange(len(lobes.axes) - 1, -1, -1)]
 
 
-def _same_lobes(seam: _Seam) -> dict[int, int]:
+def _goes_on_as(seam: _Seam) -> dict[int, int]:
     """Return which lobe of the later part each lobe of the earlier one goes on as."""
-    from scipy.optimize import linear_sum_assignment  # a third of a second to load
-
     before, after, overlap = seam
     count = max(overlap, 1)  # parts that only touch are compared across the seam
     last, first = before[len(before.axes) - count :], after[:count]
-    saved = light_saved(last, first).mean(0)  # [N, M]
-    saved = torch.where(_jumps(seam), 0.0, saved.clamp(min=0))
+    return pairs_that_save(torch.where(_jumps(seam), 0.0, light_saved(last, first).mean(0)))
+
+
+def pairs_that_save(saved: Tensor) -> dict[int, int]:
+    """Return the pairs that save most together, without those that save nothing.
+
+    Args:
+        saved: What each pair saves, by `light_saved`.  [N, M]
+    """
+    from scipy.optimize import linear_sum_assignment  # a third of a second to load
+
+    saved = saved.clamp(min=0)
     rows, columns = linear_sum_assignment(saved.numpy(), maximize=True)
-    found = zip(rows.tolist(), columns.tolist(), strict=True)
-    return {i: j for i, j in found if float(saved[i, j]) > 0}
+    pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+    return {i: j for i, j in pairs if float(saved[i, j]) > 0}
 
 
 def light_saved(before: Lobes, after: Lobes) -> Tensor:

@@ -14,7 +14,7 @@ import torch
 
 from asglight.lobes import asg
 from asglight.lobes.data import LobeTracks, first_unused, lobe_names
-from asglight.lobes.stitching import light_saved, shares
+from asglight.lobes.stitching import light_saved, pairs_that_save, shares
 
 FRAMES_MAX = 32
 """Frames compared at most, evenly spaced: enough to tell lights apart, whatever a shot's length."""
@@ -37,7 +37,7 @@ def named_as(tracks: LobeTracks, earlier: LobeTracks) -> LobeTracks:
     common, or less than half of the light, is of another environment: then they are named anew.
     """
     tracks = by_energy(tracks)
-    same = same_lobes(tracks, earlier)
+    same = found_again(tracks, earlier)
     if same is None:
         return tracks
     new = [index for index in range(tracks.lobes.count) if index not in same.values()]
@@ -49,7 +49,7 @@ def named_as(tracks: LobeTracks, earlier: LobeTracks) -> LobeTracks:
     return replace(named, display_names={**named.display_names, **kept})
 
 
-def same_lobes(tracks: LobeTracks, earlier: LobeTracks) -> dict[int, int] | None:
+def found_again(tracks: LobeTracks, earlier: LobeTracks) -> dict[int, int] | None:
     """Return which lobe each lobe of an earlier fit is now; None for another environment.
 
     Those whose light is gone are left out.
@@ -61,8 +61,6 @@ def same_lobes(tracks: LobeTracks, earlier: LobeTracks) -> dict[int, int] | None
     common = sorted(set(tracks.frames) & set(earlier.frames))
     if not common or tracks.lobes.form is not earlier.lobes.form:
         return None
-    from scipy.optimize import linear_sum_assignment  # a third of a second to load
-
     step = -(-len(common) // FRAMES_MAX)
     before, after = (
         one.lobes[torch.tensor([one.frames.index(frame) for frame in common[::step]])].to(
@@ -70,10 +68,7 @@ def same_lobes(tracks: LobeTracks, earlier: LobeTracks) -> dict[int, int] | None
         )
         for one in (earlier, tracks)
     )
-    saved = light_saved(before, after).mean(0).clamp(min=0)  # [N, M]
-    rows, columns = linear_sum_assignment(saved.numpy(), maximize=True)
-    found = zip(rows.tolist(), columns.tolist(), strict=True)
-    same = {i: j for i, j in found if float(saved[i, j]) > 0}
+    same = pairs_that_save(light_saved(before, after).mean(0))
     light = shares(before, after)[0][..., 0].mean(0)  # [N]
     return same if float(light[list(same)].sum()) >= SAME_LIGHT else None
 

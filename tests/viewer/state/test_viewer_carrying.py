@@ -72,7 +72,7 @@ def test_what_was_undone_cannot_be_made_again_to_a_light_that_is_gone() -> None:
 def test_frames_that_come_move_nothing_and_are_not_matched(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(carrying, "same_lobes", None)
+    monkeypatch.setattr(carrying, "found_again", None)
     running = moving(FRAMES, lobes=4)
     tracks = [padded(beginning(running, count), FRAMES) for count in range(1, 9)]
     for before, after in itertools.pairwise(tracks):

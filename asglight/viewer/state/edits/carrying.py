@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from asglight.lobes import LobeTracks
-from asglight.lobes.identity.naming import same_lobes
+from asglight.lobes.identity.naming import found_again
 from asglight.viewer.state.edits.edit import AnyEdit
 from asglight.viewer.state.views import Renaming, Selection
 
@@ -74,7 +74,7 @@ def places_in(after: LobeTracks, before: LobeTracks) -> Places:
     places = Places(before.lobes.count, after.lobes.count)
     if not places.before or _stays(after, before):
         return places
-    same = same_lobes(_with_light(after), _with_light(before))
+    same = found_again(_with_light(after), _with_light(before))
     return replace(places, moved=same or {})
 
 
