@@ -45,7 +45,7 @@ def orthonormal(axes: Tensor) -> Tensor:
 
 def canonical(lobes: Lobes) -> Lobes:
     """Order the axes so that sharpness_x >= sharpness_y, the frame staying right-handed."""
-    return _turned(lobes, _to_canonical(lobes))
+    return _quarter_turned(lobes, _to_canonical(lobes))
 
 
 def continuous(lobes: Lobes, *, keeps_first: bool = False) -> Lobes:
@@ -60,13 +60,13 @@ def continuous(lobes: Lobes, *, keeps_first: bool = False) -> Lobes:
     if keeps_first:
         start = torch.zeros_like(start)
     if lobes.form in (Form.SG, Form.BINGHAM):
-        found = [_turned(lobes[0], start)]
+        found = [_quarter_turned(lobes[0], start)]
         for index in range(1, lobes.axes.shape[0]):
             found.append(align(lobes[index], found[-1]))
         return stack(found)
     # quarters add up: the angle of two frames that are both turned by one stays as it is
     quarters = torch.cat([start[None], _quarters(lobes[1:], lobes[:-1])])
-    return _turned(lobes, quarters.cumsum(0) % 4)
+    return _quarter_turned(lobes, quarters.cumsum(0) % 4)
 
 
 def align(lobes: Lobes, previous: Lobes) -> Lobes:
@@ -82,7 +82,7 @@ def align(lobes: Lobes, previous: Lobes) -> Lobes:
         flip = (lobes.axis_z * previous.axis_z).sum(-1) < 0
         turned = torch.stack([lobes.axis_x, -lobes.axis_y, -lobes.axis_z], dim=-2)
         lobes = replace(lobes, axes=torch.where(flip[..., None, None], turned, lobes.axes))
-    return _turned(lobes, _quarters(lobes, previous))
+    return _quarter_turned(lobes, _quarters(lobes, previous))
 
 
 def parallel_transport(axes: Tensor, axis_z: Tensor) -> Tensor:
@@ -192,7 +192,7 @@ def _quarters(lobes: Lobes, previous: Lobes) -> Tensor:
     return is_odd.long() + 2 * (torch.where(is_odd, along_y, along_x) < 0).long()
 
 
-def _turned(lobes: Lobes, quarters: Tensor) -> Lobes:
+def _quarter_turned(lobes: Lobes, quarters: Tensor) -> Lobes:
     """Turn frames about z; with an odd number of quarters the sharpnesses change places.
 
     Args:

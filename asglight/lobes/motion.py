@@ -72,7 +72,7 @@ def between(
     sharpness = torch.exp((1 - share) * start.sharpness.log() + share * end.sharpness.log())
     moved = replace(
         first,
-        axes=_turned(start, end, part),
+        axes=_axes_between(start, end, part),
         sharpness=sharpness,
         amplitude=torch.ones_like(flux),
         slant=mixed(start.slant, end.slant, share),
@@ -107,7 +107,7 @@ def exact(lobes: Lobes) -> Lobes:
     return replace(lobes, axes=frames.orthonormal(lobes.axes))
 
 
-def _turned(start: Lobes, end: Lobes, part: Tensor) -> Tensor:
+def _axes_between(start: Lobes, end: Lobes, part: Tensor) -> Tensor:
     """Return frames that turn evenly.  [..., N, 3, 3].
 
     A lobe of the sg form has no x axis of its own; only its direction turns.

@@ -207,12 +207,12 @@ def _blend(before: Lobes, after: Lobes) -> Lobes:
     part = _parts_of(after)[..., None]
     sharpness = torch.lerp(before.sharpness.log(), after.sharpness.log(), part).exp()
     slant = mixed(before.slant, after.slant, part)
-    blend = replace(before, axes=_turned(before, after), sharpness=sharpness, slant=slant)
+    blend = replace(before, axes=_blended_axes(before, after), sharpness=sharpness, slant=slant)
     flux = torch.lerp(asg.flux(before), asg.flux(after), part)
     return replace(blend, amplitude=flux / asg.integral(blend)[..., None])
 
 
-def _turned(before: Lobes, after: Lobes) -> Tensor:
+def _blended_axes(before: Lobes, after: Lobes) -> Tensor:
     """Return the frames of the blend of aligned lobes.  Two [K, ..., N, .] -> [K, ..., N, 3, 3]."""
     return slerp(before.axes, after.axes, _parts_of(after))
 
@@ -359,7 +359,7 @@ def _jumps(seam: _Seam) -> Tensor:
     share, other_share = shares(last, after[: overlap + 1])
     lit = torch.cat([share[:1], torch.maximum(share[1:], other_share[:-1]), other_share[-1:]])
     lit = torch.maximum(lit[:-1], lit[1:]) > LIT_SHARE
-    over = _turned(lobes[1:], align(others[:-1], lobes[1:]))
+    over = _blended_axes(lobes[1:], align(others[:-1], lobes[1:]))
     axes = torch.cat([lobes.axes[:1], over, others.axes[-1:]])
     path = replace(lobes, axes=axes[:-1]), replace(lobes, axes=axes[1:])
     return ((_turn_deg(*path) > TURN_MAX_DEG) & lit).any(0)

@@ -29,7 +29,7 @@ def _assert_right_handed(axes: torch.Tensor, atol: float = ROUNDING) -> None:
     np.testing.assert_allclose(torch.linalg.det(axes).numpy(), 1, atol=atol)
 
 
-def _turned(lobes: Lobes, turns: np.ndarray, flips: np.ndarray) -> Lobes:
+def _rewritten(lobes: Lobes, turns: np.ndarray, flips: np.ndarray) -> Lobes:
     """Rewrite each lobe by quarter turns (0..3) and, where flipped, with z reversed."""
     axes, sharpness = lobes.axes.clone(), lobes.sharpness.clone()
     for index in np.ndindex(turns.shape):
@@ -119,7 +119,7 @@ def test_align_finds_the_nearest_of_the_four_equal_frames_however_far() -> None:
     found = frames.align(lobes, previous)
     angle = _angles(found.axes, previous.axes)
     for turns in range(4):
-        other = _turned(lobes, np.full(300, turns), np.zeros(300))
+        other = _rewritten(lobes, np.full(300, turns), np.zeros(300))
         assert (angle <= _angles(other.axes, previous.axes) + 1e-7).all()
 
 
@@ -129,7 +129,7 @@ def test_align_finds_the_nearest_of_the_eight_equal_bingham_frames_within_a_quar
     vector = rng.normal(size=(300, 3))
     vector *= rng.uniform(0, math.radians(60), (300, 1)) / np.linalg.norm(vector, axis=1)[:, None]
     moved = previous.axes @ double(Rotation.from_rotvec(vector).as_matrix())
-    lobes = _turned(
+    lobes = _rewritten(
         Lobes(moved, previous.sharpness, previous.amplitude, Form.BINGHAM),
         rng.integers(0, 4, 300),
         rng.integers(0, 2, 300),
@@ -137,7 +137,7 @@ def test_align_finds_the_nearest_of_the_eight_equal_bingham_frames_within_a_quar
     angle = _angles(frames.align(lobes, previous).axes, previous.axes)
     for turns in range(4):
         for flip in (0, 1):
-            other = _turned(lobes, np.full(300, turns), np.full(300, flip))
+            other = _rewritten(lobes, np.full(300, turns), np.full(300, flip))
             assert (angle <= _angles(other.axes, previous.axes) + 1e-7).all()
 
 
@@ -159,7 +159,7 @@ def test_continuous_undoes_equal_frames_and_follows_the_sharpnesses_through_each
     turns[0] = flips[0] = 0
     if form is Form.ASG:
         flips[:] = 0  # only the bingham form is the same with z reversed
-    found = frames.continuous(_turned(smooth, turns, flips))
+    found = frames.continuous(_rewritten(smooth, turns, flips))
     _assert_same_frames(found.axes, smooth.axes)
     assert torch.equal(found.sharpness, smooth.sharpness)
     assert torch.equal(found.amplitude, smooth.amplitude)
@@ -168,7 +168,7 @@ def test_continuous_undoes_equal_frames_and_follows_the_sharpnesses_through_each
 def test_continuous_starts_in_canonical_order() -> None:
     smooth = _moving_shot(Form.ASG)
     shape = smooth.axes.shape[:2]
-    found = frames.continuous(_turned(smooth, np.full(shape, 1), np.zeros(shape)))
+    found = frames.continuous(_rewritten(smooth, np.full(shape, 1), np.zeros(shape)))
     assert (found.sharpness[0, :, 0] > found.sharpness[0, :, 1]).all()
     # two quarter turns from where they were: x reversed
     _assert_same_frames(found.axis_x[0], -smooth.axis_x[0])

@@ -58,7 +58,7 @@ def ball_error(lobes: Lobes, roughness: float, f0: float, count: int = 60) -> fl
     return float(((shown - truth).abs() * area).sum() / (truth * area).sum())
 
 
-def turned(lobes: Lobes, yaw: float) -> Lobes:
+def from_side(lobes: Lobes, yaw: float) -> Lobes:
     """Turn lobes about +Y by degrees, which is to look from another side."""
     cos, sin = math.cos(math.radians(yaw)), math.sin(math.radians(yaw))
     return asg.rotate(lobes, torch.tensor([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]]).double())
@@ -141,7 +141,7 @@ def test_closed_form_follows_brute_force_on_fits_of_maps(name: str) -> None:
     sequence = open_sequence(HDRI / f"{name}.exr", height=64)
     radiance = sequence.read(sequence.frames[0]).radiance
     lobes = fit_first_frame(radiance, LOBES, Form.ASG, BRIEF).lobes.to(torch.float64)
-    seen = {yaw: turned(lobes, yaw) for yaw in (0, 90, 180, 270)}
+    seen = {yaw: from_side(lobes, yaw) for yaw in (0, 90, 180, 270)}
     # each roughness from one side, of each map from another
     yaws = itertools.islice(itertools.cycle(seen), MAPS.index(name), None)
     for (roughness, ceiling), yaw in zip(CEILINGS.items(), yaws, strict=False):

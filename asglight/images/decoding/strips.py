@@ -95,7 +95,8 @@ def read_strips(header: Header, *, is_quiet: bool = False) -> Iterator[Planes]:
                     stack.callback(chunks.close)
                 yield from _displayed(_decoded(reader, spec, header, chunks), spec, header, columns)
         else:  # any stored row may hold the top: the data window is turned as a whole
-            turned = _turned(_rows(reader, spec, header, spec.y, spec.y + spec.height), header.axes)
+            rows = _rows(reader, spec, header, spec.y, spec.y + spec.height)
+            turned = _upright_planes(rows, header.axes)
             strips = _strips(turned, windows, _rows_shown(header, windows))
             yield from _displayed(strips, windows, header, columns)
 
@@ -303,7 +304,7 @@ def _columns_shown(header: Header, spec: OpenImageIO.ImageSpec) -> tuple[slice, 
     return columns, slice(columns.start - left, columns.stop - left)
 
 
-def _turned(planes: Planes, axes: tuple[str, str]) -> Planes:
+def _upright_planes(planes: Planes, axes: tuple[str, str]) -> Planes:
     """Turn stored pixels so that row 0 is the top and column 0 the left, without a copy."""
     red, green, blue = (_upright(plane, axes) for plane in planes)
     return red, green, blue

@@ -120,8 +120,8 @@ def noise(power: float = 1.0, seed: int = 0) -> Tensor:
     return torch.rand(ROWS, 2 * ROWS, 3, generator=generator) ** power
 
 
-def turned(radiance: Tensor, degrees: float) -> Tensor:
-    """Return a map as a camera sees it that turned about the vertical."""
+def panned(radiance: Tensor, degrees: float) -> Tensor:
+    """Return a map as a camera sees it that panned about the vertical."""
     return torch.roll(radiance, round(degrees / 360 * radiance.shape[1]), 1)
 
 

@@ -47,11 +47,11 @@ def _exposure(stops: float) -> list[Tensor]:
 
 def _turn() -> list[Tensor]:
     day = sun_and_sky()
-    return [day, maps.turned(day, 1), maps.turned(day, 181), maps.turned(day, 182)]
+    return [day, maps.panned(day, 1), maps.panned(day, 181), maps.panned(day, 182)]
 
 
 def _spin() -> list[Tensor]:
-    return [maps.turned(sun_and_sky(), 45.0 * k) for k in range(3)]
+    return [maps.panned(sun_and_sky(), 45.0 * k) for k in range(3)]
 
 
 def _fade() -> list[Tensor]:

@@ -103,7 +103,7 @@ class Exchanges:
     def _both(self, track: int) -> tuple[_End, _End]:
         """Return where a track would be if it moved on with the lamp, and where it is then."""
         if track not in self._ends:
-            before = _turned(_end(self._shot, self._frame, -1, track), *self._motion)
+            before = _moved_on(_end(self._shot, self._frame, -1, track), *self._motion)
             self._ends[track] = before, _end(self._shot, self._frame + 1, 1, track)
         return self._ends[track]
 
@@ -141,7 +141,7 @@ def _middle(shot: Shot, frame: int, tracks: Sequence[int]) -> Vector:
     return x / length, y / length, z / length
 
 
-def _turned(end: _End, before: Vector, now: Vector) -> _End:
+def _moved_on(end: _End, before: Vector, now: Vector) -> _End:
     """Turn an end as little as turns one direction to another [Rodrigues 1840].
 
     As `turn_between`, of one direction; without directions it stays.

@@ -21,12 +21,12 @@ def matched(lobes: Lobes, before: Lobes, far: float = math.pi) -> Lobes:
     """
     from scipy.optimize import linear_sum_assignment  # a third of a second to load
 
-    turned = torch.acos((before.axis_z @ lobes.axis_z.mT).clamp(-1, 1))  # [N, N]
-    cost = turned.clamp(max=far) * torch.maximum(
+    angle = torch.acos((before.axis_z @ lobes.axis_z.mT).clamp(-1, 1))  # [N, N]
+    cost = angle.clamp(max=far) * torch.maximum(
         flux_shares(before)[:, None], flux_shares(lobes)[None, :]
     )
     _, order = linear_sum_assignment(cost.cpu().numpy())
-    return lobes.select(torch.from_numpy(order).to(turned.device))
+    return lobes.select(torch.from_numpy(order).to(angle.device))
 
 
 def flux_shares(lobes: Lobes) -> Tensor:

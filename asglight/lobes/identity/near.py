@@ -31,10 +31,10 @@ def nearest(lobes: Lobes, among: Tensor) -> tuple[Tensor, Tensor]:
     """
     narrow = lobes.sharpness.amin(-1)
     width = (asg.per_variance(lobes.form) * narrow).rsqrt().clamp(max=WIDTH_MAX)
-    turned = torch.acos((lobes.axis_z @ lobes.axis_z.mT).clamp(-1, 1))
+    angle = torch.acos((lobes.axis_z @ lobes.axis_z.mT).clamp(-1, 1))
     itself = torch.eye(lobes.count, dtype=torch.bool, device=among.device)
     both = (width[..., None, :] * width[..., None]).sqrt()
-    closest, index = torch.where(among & ~itself, turned / both, torch.inf).min(-1)
+    closest, index = torch.where(among & ~itself, angle / both, torch.inf).min(-1)
     return index, closest < REACH
 
 
@@ -54,11 +54,11 @@ def onward(before: Lobes, earlier: Lobes, known: Tensor) -> Tensor:
     beside, is_near = nearest(before, known)
     own = torch.arange(before.count, device=beside.device)
     leader = torch.where(known | ~is_near, own, beside)
-    turned = _turned(before.axis_z, earlier.axis_z[leader], before.axis_z[leader])
+    turned = _along_great_circle(before.axis_z, earlier.axis_z[leader], before.axis_z[leader])
     return torch.where((known | is_near)[:, None], turned, before.axis_z)
 
 
-def _turned(directions: Tensor, start: Tensor, end: Tensor) -> Tensor:
+def _along_great_circle(directions: Tensor, start: Tensor, end: Tensor) -> Tensor:
     """Turn directions as from a start to an end on its great circle.  [N, 3] each."""
     axis = torch.linalg.cross(start, end)
     across = torch.linalg.cross(axis, directions)

@@ -10,7 +10,7 @@ from pxr import Sdf, Usd
 from asglight.images import ocio
 from asglight.lobes import Lobes
 from asglight.usd.read.edited_lights import hidden_lobes
-from asglight.usd.read.placement import placement_of, turned
+from asglight.usd.read.placement import placement_of, turned_or_mirrored
 from asglight.usd.read.times import frame_numbers
 from asglight.usd.read.tracks import darkened, lobes_at
 from asglight.usd.spaces import in_colorspace, space_of
@@ -42,7 +42,7 @@ def read_between(
         lobes = lobes_at(name_of(path), prims, list(times))
         hidden, _ = hidden_lobes(prims, tuple(times))
         placement = placement_of(prim, tuple(times))
-        lobes = turned(lobes.to(torch.float64), placement.to_world)
+        lobes = turned_or_mirrored(lobes.to(torch.float64), placement.to_world)
         lobes = in_colorspace(lobes, space_of(prim).colorspace, ocio.REC709).to(torch.float32)
     del stage  # kept until here: the rig dies with it
     return darkened(lobes, hidden)

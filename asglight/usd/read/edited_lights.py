@@ -35,7 +35,7 @@ from asglight.usd.digest import has_own_edits
 from asglight.usd.lights.cards import Kind
 from asglight.usd.options import KeyLights
 from asglight.usd.read.held_lights import EDITED, Array, LobeLights, Written, held_lights
-from asglight.usd.read.placement import Placement, turn_words, turned
+from asglight.usd.read.placement import Placement, turn_words, turned_or_mirrored
 from asglight.usd.read.read_options import card_kinds, threefold_lobes
 from asglight.usd.read.view import View
 from asglight.usd.schema import Representation
@@ -95,7 +95,7 @@ def with_light_edits(
             )
             changes += found
     changes += [f"{rig.GetPath()}: {word}" for word in placement.words()]
-    return turned(lobes, placement.to_world).to(torch.float32), changes
+    return turned_or_mirrored(lobes, placement.to_world).to(torch.float32), changes
 
 
 def switched_off(rig: Usd.Prim, scope: str) -> list[str]:
@@ -129,7 +129,7 @@ def with_key_edits(
     kinds, threefold = [Kind.SINGLE] * len(prims), [False] * len(prims)
     view = View(rig, times, shown, distance, placement, colorspace, kinds, threefold)
     lobes, changes = _with_lights(view, prims, lobes.to(torch.float64))
-    return turned(lobes, placement.to_world).to(torch.float32), changes
+    return turned_or_mirrored(lobes, placement.to_world).to(torch.float32), changes
 
 
 def _with_lights(view: View, prims: Sequence[Usd.Prim], lobes: Lobes) -> tuple[Lobes, list[str]]:
@@ -261,7 +261,7 @@ def _with_dome(
         scaled = lobes.amplitude * torch.from_numpy(found.light)[:, None]
         lobes = replace(lobes, amplitude=torch.where(own, scaled, lobes.amplitude))
     if found.turned:
-        axes = torch.where(own[..., None], turned(lobes, found.turns).axes, lobes.axes)
+        axes = torch.where(own[..., None], turned_or_mirrored(lobes, found.turns).axes, lobes.axes)
         lobes = replace(lobes, axes=axes)
     return lobes, [f"{dome.GetPath()}: {', '.join(words)}"] if words else []
 

@@ -135,7 +135,7 @@ def world_matrices(prim: Usd.Prim, times: tuple[float, ...]) -> Array:
     return np.stack(found)
 
 
-def turned(lobes: Lobes, turns: Array) -> Lobes:
+def turned_or_mirrored(lobes: Lobes, turns: Array) -> Lobes:
     """Turn lobes; a turn of determinant -1 mirrors them.
 
     Every form is the same when its y axis is reversed, so the mirror image of a lobe is the lobe
@@ -158,7 +158,7 @@ def as_written(tracks: LobeTracks, placement: Placement) -> LobeTracks:
     if placement.is_plain:
         return tracks
     back = np.swapaxes(placement.net, -1, -2)
-    lobes = turned(tracks.lobes.to("cpu", torch.float64), back)
+    lobes = turned_or_mirrored(tracks.lobes.to("cpu", torch.float64), back)
     return replace(tracks, lobes=lobes.to(torch.float32))
 
 

@@ -58,7 +58,7 @@ def kept_quaternions(quaternions: Array, frames: Array) -> NDArray[np.bool_]:
         True where the sample is kept, as `kept`.  [F]
     """
     unit = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
-    return _split(unit, frames, _slerp, np.full_like(unit, QUATERNION_TOLERANCE))
+    return _split(unit, frames, _slerp_unless_ambiguous, np.full_like(unit, QUATERNION_TOLERANCE))
 
 
 def _split(
@@ -107,7 +107,8 @@ def _lerp(first: Array, last: Array, share: Array) -> Array:
     return (1 - share) * first + share * last
 
 
-def _slerp(first: Array, last: Array, share: Array) -> Array:
+def _slerp_unless_ambiguous(first: Array, last: Array, share: Array) -> Array:
+    """Turn quaternions evenly, as USD does; infinite where rounding decides which way."""
     cosine = (first * last).sum(-1, keepdims=True)
     last = np.where(cosine < 0, -last, last)
     # the angle from the chord keeps the digits that arccos loses near 1

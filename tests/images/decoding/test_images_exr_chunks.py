@@ -154,11 +154,11 @@ def test_chunks_may_lie_in_any_order(tmp_path: Path, name: str) -> None:
         tmp_path / "a.exr", values(), compression=code, lineOrder=OpenEXR.DECREASING_Y
     )
     np.testing.assert_array_equal(quick(path), whole(path))
-    path.write_bytes(turned_round(path.read_bytes(), table(path)))
+    path.write_bytes(with_chunks_reversed(path.read_bytes(), table(path)))
     np.testing.assert_array_equal(quick(path), values().astype(np.float32))
 
 
-def turned_round(content: bytes, table: list[int]) -> bytes:
+def with_chunks_reversed(content: bytes, table: list[int]) -> bytes:
     """Write the chunks of a file of lines in the opposite order."""
     start = min(table) - 8 * len(table)  # the table lies before the first chunk
     places, body = {}, b""

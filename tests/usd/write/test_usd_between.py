@@ -53,7 +53,7 @@ def axes_of(prim: Usd.Prim, time: float) -> np.ndarray:
     return rows / np.linalg.norm(rows, axis=-1, keepdims=True)
 
 
-def turned_deg(one: np.ndarray, other: np.ndarray) -> float:
+def apart_deg(one: np.ndarray, other: np.ndarray) -> float:
     chord = np.linalg.norm(one - other)
     return float(np.degrees(2 * np.arcsin(min(1.0, chord / 2))))
 
@@ -193,7 +193,7 @@ def test_lobes_between_frames_are_those_in_motion(name: str, stage_of: Stages) -
             axis, true_axis = found.axis_z[0].numpy(), true.axis_z[0].numpy()
             if true.form is Form.BINGHAM:
                 axis = axis * np.sign(axis @ true_axis)
-            assert turned_deg(axis, true_axis) < TURN_DEG
+            assert apart_deg(axis, true_axis) < TURN_DEG
             assert weight[place, index] * radiance_error(found, true) < RADIANCE
 
 
