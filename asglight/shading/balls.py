@@ -125,8 +125,7 @@ def render_balls(
 
 def coverage(size: int) -> Tensor:
     """Return the share of each pixel that the ball covers: the alpha channel.  [size, size]."""
-    points = _pixel_centres(size)[:, :, None] + _pixel_offsets(size, 8)
-    return (points.square().sum(-1) < 1).float().mean(-1)
+    return (_pixel_points(size).square().sum(-1) < 1).float().mean(-1)
 
 
 def _check(maps: Tensor, roughness: Sequence[float], size: int) -> None:
@@ -181,16 +180,16 @@ def _flux(maps: Tensor, rows: int) -> Tensor:
     return flux.flatten(0, 1)
 
 
-def _pixel_centres(size: int) -> Tensor:
+def pixel_centres(size: int, dtype: torch.dtype = torch.float32) -> Tensor:
     """Return (x right, y up) of the pixel centres; the ball has radius 1.  [size, size, 2]."""
-    centre = (2 * torch.arange(size) + 1) / size - 1
+    centre = (2 * torch.arange(size, dtype=dtype) + 1) / size - 1
     y, x = torch.meshgrid(-centre, centre, indexing="ij")
     return torch.stack([x, y], dim=-1)
 
 
-def _pixel_offsets(size: int, count: int) -> Tensor:
-    """Return a grid of points of a pixel, relative to its centre.  [count^2, 2]."""
-    return _pixel_centres(count).view(-1, 2) / size
+def _pixel_points(size: int) -> Tensor:
+    """Return an even grid of 8 x 8 points of every pixel.  [size, size, 64, 2]."""
+    return pixel_centres(size)[:, :, None] + pixel_centres(8).view(-1, 2) / size
 
 
 def _normals(points: Tensor) -> Tensor:
@@ -205,7 +204,7 @@ def covered(size: int) -> tuple[Tensor, Tensor]:
     Returns:
         Coverage [P]; normals at the centre of what is covered, camera frame [P, 3].
     """
-    points = _pixel_centres(size)[:, :, None] + _pixel_offsets(size, 8)
+    points = _pixel_points(size)
     within = (points.square().sum(-1) < 1).float()
     share = within.mean(-1)
     centre = (points * within[..., None]).mean(2)[share > 0] / share[share > 0, None]
@@ -256,7 +255,7 @@ def _upper(layer: _Layer, size: int, frame: Tensor, flux: Tensor) -> Tensor:
     """
     texels = _texels(layer.rows, frame)
     coarse = latlong.directions(_ROWS[0], 2 * _ROWS[0]).view(-1, 3) @ frame.T
-    centres = _pixel_centres(size)[coverage(size) > 0]  # [P, 2]
+    centres = pixel_centres(size)[coverage(size) > 0]  # [P, 2]
     offsets, shifts = _point_set(size, layer.rows)
     chunk = max(1, _CHUNK_ELEMENTS // len(coarse))
 

@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from asglight.shading import ggx, kernels
-from asglight.shading.balls import coverage, render_balls
+from asglight.shading.balls import coverage, pixel_centres, render_balls
 from asglight.sphere import latlong
 
 SPHERES = ("mirror", "silver", "diffuse")
@@ -161,7 +161,6 @@ def _pixel_normals(size: int) -> Tensor:
 
     Off the ball x and y are kept, so that they still tell.  [S * S, 3]
     """
-    centre = (2 * torch.arange(size) + 1) / size - 1
-    y, x = torch.meshgrid(-centre, centre, indexing="ij")
+    x, y = pixel_centres(size).unbind(-1)
     z = (1 - x * x - y * y).clamp(min=0).sqrt()
     return torch.stack([x, y, z], dim=-1).view(-1, 3)

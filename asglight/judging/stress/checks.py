@@ -20,6 +20,7 @@ from asglight.judging.stress.case import Recovery
 from asglight.lobes import Form, Lobes, LobeTracks, asg, texels
 from asglight.lobes.frames import align, canonical
 from asglight.shading import ggx, ggx_layer, ggx_lobes, rectified
+from asglight.shading.balls import pixel_centres
 from asglight.shading.sheets import amplitudes, sheets
 from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
@@ -205,8 +206,7 @@ def ball_normals(size: int) -> tuple[Tensor, Tensor]:
     Returns:
         Unit normals in float64 [P, 3]; a mask [size, size] with P pixels.
     """
-    centre = (2 * torch.arange(size, dtype=torch.float64) + 1) / size - 1
-    y, x = torch.meshgrid(-centre, centre, indexing="ij")
+    x, y = pixel_centres(size, torch.float64).unbind(-1)
     square = x * x + y * y
     inside = square.sqrt() < 1 - 2 / size  # the whole pixel, with its corners
     z = (1 - square[inside]).sqrt()
