@@ -3,6 +3,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -13,6 +14,19 @@ from asglight.judging.pictures.layout import DARK, DPI, Theme
 
 LETTER_WIDTH, LETTER_HEIGHT = 9.5, 17
 """Pixels of a letter of 12 points, on average: enough to tell where a name would lie."""
+
+
+class _Box(NamedTuple):
+    """A rectangle of a picture, in pixels from its lower left corner."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+    def overlaps(self, other: "_Box") -> bool:
+        across = self.left < other.right and other.left < self.right
+        return across and self.bottom < other.top and other.bottom < self.top
 
 
 def panel_grid(
@@ -100,17 +114,17 @@ def label_points(
             for reach in (1, 2, 3)
             for dx, dy in ((1, 0), (-1, 0), (0, reach), (0, -reach), (1, reach), (1, -reach))
         ]
-        boxes = [(dx, dy, _box(x + dx, y + dy, wide, high)) for dx, dy in offsets]
+        places = [(dx, dy, _box(x + dx, y + dy, wide, high)) for dx, dy in offsets]
         free = [
-            place
-            for place in boxes
-            if frame.x0 < place[2][0]
-            and place[2][2] < frame.x1
-            and frame.y0 < place[2][1]
-            and place[2][3] < frame.y1
-            and not any(_overlap(place[2], box) for box in covered)
+            (dx, dy, box)
+            for dx, dy, box in places
+            if frame.x0 < box.left
+            and box.right < frame.x1
+            and frame.y0 < box.bottom
+            and box.top < frame.y1
+            and not any(box.overlaps(other) for other in covered)
         ]
-        dx, dy, box = (free or boxes)[0]
+        dx, dy, box = (free or places)[0]
         covered.append(box)
         axes.annotate(
             name,
@@ -126,9 +140,5 @@ def label_points(
         )
 
 
-def _box(x: float, y: float, wide: float, high: float) -> tuple[float, float, float, float]:
-    return (x - wide / 2, y - high / 2, x + wide / 2, y + high / 2)
-
-
-def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+def _box(x: float, y: float, wide: float, high: float) -> _Box:
+    return _Box(x - wide / 2, y - high / 2, x + wide / 2, y + high / 2)
