@@ -29,6 +29,17 @@ def refused_in_a_line(parser: argparse.ArgumentParser) -> Iterator[None]:
         parser.error(one_line(str(error)))
 
 
+def positive(text: str) -> int:
+    """Parse how many of something: a whole number from 1 on."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}; expected a whole number from 1 on")
+    return number
+
+
 def read_map(path: Path, height: int = FIT_HEIGHT) -> Tensor:
     """Read a map.  [H, 2 H, 3].
 
@@ -85,7 +96,7 @@ def maps_given(program: str, text: str | None, argv: Sequence[str] | None) -> di
 def add_sequence(parser: argparse.ArgumentParser) -> None:
     """Let a script be given a sequence, or the first frames of one."""
     parser.add_argument("sequence", metavar="DIR", help="a sequence of latlong maps")
-    parser.add_argument("--frames", type=int, metavar="N", help="the first N of it (all)")
+    parser.add_argument("--frames", type=positive, metavar="N", help="the first N of it (all)")
 
 
 def frames_given(parser: argparse.ArgumentParser, options: argparse.Namespace) -> list[Tensor]:

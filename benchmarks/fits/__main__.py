@@ -31,6 +31,7 @@ from benchmarks.fits import leaving_out as fit_leaving_out
 from benchmarks.fits import machine as fit_machine
 from benchmarks.fits import measures as fit_measures
 from benchmarks.fits import tables as fit_tables
+from benchmarks.given import positive
 
 EXAMPLE = """example:
   python -m benchmarks.fits --maps ../shared/hdri --sequences ../shared/sequences -o bench-fit/
@@ -62,8 +63,8 @@ def _parser() -> Parser:
     add("--maps", type=Path, required=True, metavar="DIR", help="folder of latlong maps")
     add("--sequences", type=Path, required=True, metavar="DIR", help="folder of sequence folders")
     add("-o", "--output", type=Path, default=Path("bench-fit"), metavar="DIR", help="(bench-fit)")
-    add("--lobes", type=_positive, default=15, metavar="N", help="lobes (15)")
-    add("--threads", type=_positive, default=2, metavar="N", help=THREADS_HELP)
+    add("--lobes", type=positive, default=15, metavar="N", help="lobes (15)")
+    add("--threads", type=positive, default=2, metavar="N", help=THREADS_HELP)
     add(
         "--curve-maps",
         metavar="NAME,...",
@@ -71,15 +72,15 @@ def _parser() -> Parser:
     )
     add(
         "--paper-steps",
-        type=_positive,
+        type=positive,
         default=paper.FIRST_FRAME_STEPS,
         metavar="N",
         help=f"Adam steps of the paper's recipe ({paper.FIRST_FRAME_STEPS}: half an hour a map)",
     )
-    add("--frames", type=_positive, metavar="N", help="the first N frames of each sequence (all)")
+    add("--frames", type=positive, metavar="N", help="the first N frames of each sequence (all)")
     add(
         "--peer-frames",
-        type=_positive,
+        type=positive,
         metavar="N",
         help="of those, the first N are also fitted from nothing and by the paper's recipe (all)",
     )
@@ -96,16 +97,6 @@ def _parser() -> Parser:
         f"{QUICK_FRAMES} frames: shows that all works, not how well",
     )
     return parser
-
-
-def _positive(text: str) -> int:
-    try:
-        number = int(text)
-    except ValueError:
-        number = 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}; expected a whole number from 1 on")
-    return number
 
 
 def _tolerance(text: str) -> float:

@@ -37,6 +37,7 @@ from asglight.judging.pictures.layout import BACKGROUND, FAINT, TEXT, Grid, save
 from asglight.judging.pictures.outlines import colour, segments
 from asglight.keys.rectangles import Card
 from asglight.lobes import texels
+from benchmarks.given import refused_in_a_line
 from dcc.keyed.picture import pictures
 
 MAP, BALL, GAP, LEFT, TOP = (660, 330), 136, 12, 28, 116
@@ -74,11 +75,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
     rendered: list[Tensor] = []
-    if options.zip is not None:
-        rendered = pictures(
-            options.image, options.work, options.zip, RENDERED, textured=options.texture
-        )
-    draw(options.image, options.output, rendered, textured=options.texture)
+    with refused_in_a_line(parser):
+        if options.zip is not None:
+            rendered = pictures(
+                options.image, options.work, options.zip, RENDERED, textured=options.texture
+            )
+        draw(options.image, options.output, rendered, textured=options.texture)
     return 0
 
 

@@ -18,6 +18,7 @@ from PIL import Image
 
 from asglight.images import open_sequence
 from asglight.images.output import written_beside
+from benchmarks.given import refused_in_a_line
 
 MILLISECONDS = 80
 """Of a frame: half the speed of the shot, so that one sees what moves."""
@@ -43,10 +44,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("sequence", metavar="DIR", help="frames of a shot")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="WEBP")
     options = parser.parse_args(argv)
+    with refused_in_a_line(parser):
+        frames = open_sequence(options.sequence).frames
     with tempfile.TemporaryDirectory() as folder:
         stage = Path(folder) / "shot.usda"
         subprocess.run([*ASGLIGHT, "fit", options.sequence, "-o", stage], check=True)
-        frames = open_sequence(options.sequence).frames
         pictures = [screenshot(stage, frame) for frame in frames]
     write_moving(options.output, pictures)
     return 0

@@ -9,7 +9,7 @@ tables go to standard output.
 import argparse
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import moderngl
@@ -22,6 +22,7 @@ from asglight.viewer.gl.albedo_table import albedo_table
 from asglight.viewer.gl.context import describe, standalone_context
 from asglight.viewer.gl.reference.reference_pass import ReferencePass
 from asglight.viewer.state.balls import ball_row
+from benchmarks.given import refused_in_a_line
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))
 import ball_truth
@@ -37,17 +38,19 @@ ROW = ball_row()
 HEADING = ["roughness " + f"{ball.roughness:g}" if ball.roughness else "Lambert" for ball in ROW]
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__, epilog=EXAMPLE)
     parser.add_argument("maps", nargs="*", type=Path, help="latlong maps; some are made up besides")
-    paths = parser.parse_args().maps
+    paths = parser.parse_args(argv).maps
+    with refused_in_a_line(parser):
+        read = list(_read(paths))
     context = standalone_context()
     print(describe(context), "\n")
     reference = ReferencePass(context, albedo_table(context))
     _row("map", *HEADING)
     _row(*["---"] * (1 + len(ROW)))
-    for name, radiance in [*_made_up(), *_read(paths)]:
+    for name, radiance in [*_made_up(), *read]:
         truth = _truth(radiance)
         errors = [
             [f"{100 * _l1(f, t):.1f}" for f, t in zip(image, truth, strict=True)]

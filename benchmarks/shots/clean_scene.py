@@ -27,8 +27,10 @@ from typing import Any
 import torch
 
 from asglight.cli.main import main as asglight
+from asglight.errors import InputError
 from asglight.images import read_latlong, sequence
 from asglight.images.decoding.decoders import APART, HERE
+from benchmarks.given import positive, refused_in_a_line
 
 PARTS: dict[str, tuple[str, ...]] = {
     "fit of the frames": ("asglight.shots.frames.fit_frame",),
@@ -64,10 +66,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     add("--still", required=True, metavar="FILE", help="a clean map")
     add("--sequence", required=True, metavar="DIR", help="a clean sequence")
-    add("--frames", type=int, default=8, metavar="N", help="of it (default: %(default)s)")
-    add("--repeats", type=int, default=3, metavar="N", help="of each (default: %(default)s)")
+    add("--frames", type=positive, default=8, metavar="N", help="of it (default: %(default)s)")
+    add("--repeats", type=positive, default=3, metavar="N", help="of each (default: %(default)s)")
     options = parser.parse_args(argv)
     torch.set_num_threads(1)  # so that the thread that calls a part does all of its work
+    with refused_in_a_line(parser):
+        print(measured(options))
+    return 0
+
+
+def measured(options: argparse.Namespace) -> str:
+    """Measure what the command line names; return its table, and a line of what decoding costs.
+
+    Raises:
+        InputError: The still or the sequence cannot be fitted.
+    """
     first = sequence.open_sequence(options.sequence).frames[: options.frames]
     shot = [options.sequence, "--frames", f"{first[0]}-{first[-1]}"]
     fits = {
@@ -79,20 +92,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, words in fits.items():
         taken(words)  # loads what it needs, and prepares the grids
         found[name] = middle([taken(words) for _ in range(options.repeats)])
-    print(table(found))
-    print(f"\n{decoding(options.still, options.repeats)}")
-    return 0
+    return f"{table(found)}\n\n{decoding(options.still, options.repeats)}"
 
 
 def taken(words: Sequence[str]) -> Taken:
-    """Fit once; return what each part took."""
+    """Fit once; return what each part took.
+
+    Raises:
+        InputError: `asglight fit` refuses what it is given.
+    """
+    told = io.StringIO()
     with tempfile.TemporaryDirectory(prefix="asglight-") as folder, timed() as calls:
         APART.close()
         before, children = time.process_time(), _children()
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(told):
             status = asglight(["fit", *words, "-o", str(Path(folder) / "shot.usda"), "--json"])
         APART.close()
         own, other = time.process_time() - before, _children() - children
+    if status == 2:
+        raise InputError(told.getvalue().strip().splitlines()[-1].removeprefix("asglight: "))
     if status != 0:
         raise RuntimeError(f"asglight fit {' '.join(words)} ended with {status}")
     found = {part: (len(calls[part]), sum(calls[part])) for part in PARTS}

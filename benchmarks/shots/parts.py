@@ -28,6 +28,7 @@ from asglight.judging.metrics import frame_errors, sequence_errors
 from asglight.lobes import LobeTracks
 from asglight.lobes.identity.matching import flux_shares
 from asglight.usd import read_usd
+from benchmarks.given import refused_in_a_line
 
 PARTS = 3
 OVERLAP = 4
@@ -50,7 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("sequence", metavar="DIR", help="a sequence of latlong maps")
     parser.add_argument("--preset", choices=PRESETS, default=Preset.FAST, help="(fast)")
     options = parser.parse_args(argv)
-    frames = list(open_sequence(options.sequence).frames)
+    with refused_in_a_line(parser):
+        frames = list(open_sequence(options.sequence).frames)
     if len(frames) < PARTS * OVERLAP:
         parser.error(
             f"{options.sequence}: {counted(len(frames), 'frame')}; expected {PARTS * OVERLAP} or "

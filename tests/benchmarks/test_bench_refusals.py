@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scripts of benchmarks/ whose input is the user's to mend: one line, exit status 2."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +16,14 @@ OF_FOLDERS = (
     *("shaded.balls", "stages.representations", "fits.unseen"),
 )
 OF_FILES = ("steps.growth", "steps.flat_tops", "stages.sg_arrays", "keyed.measure")
+
+SCRIPTS = {
+    "shots.clean_scene": ("--still", "gone", "--sequence", "gone"),
+    "shots.parts": ("gone",),
+    "results.scrub": ("gone", "-o", "scrub.webp"),
+    "keyed.sheet": ("gone", "-o", "sheet.png"),
+    "shaded.reference": ("gone",),
+}
 
 
 @pytest.fixture(autouse=True)
@@ -50,6 +59,35 @@ def test_an_image_that_cannot_be_read_is_named_in_a_line(
     (tmp_path / "sky.exr").write_text("junk")
     line = refused(name, [str(tmp_path / "sky.exr")], capsys)
     assert "sky.exr: is text; expected an OpenEXR" in line
+
+
+@pytest.mark.parametrize("words", SCRIPTS.values(), ids=SCRIPTS)
+def test_an_input_that_is_not_there_is_named_in_a_line(
+    words: tuple[str, ...],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    line = refused(request.node.callspec.id, list(words), capsys)
+    assert re.search(r"\bgone\b.*(is not there|No such file)", line)
+
+
+def test_a_clean_scene_that_cannot_be_fitted_is_named_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_exr(tmp_path / "sky.1.exr", torch.ones(4, 8, 3))
+    words = ["--still", str(tmp_path / "gone.exr"), "--sequence", str(tmp_path), "--repeats", "1"]
+    line = refused("shots.clean_scene", words, capsys)
+    assert "clean_scene: error:" in line
+    assert "gone.exr: is not there" in line
+
+
+@pytest.mark.parametrize("option", ["--frames", "--repeats"])
+def test_a_count_of_none_is_refused(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    line = refused("shots.clean_scene", ["--still", "a", "--sequence", "b", option, "0"], capsys)
+    assert f"argument {option}: '0'; expected a whole number from 1 on" in line
 
 
 def test_a_map_of_production_that_cannot_be_read_is_named_in_a_line(
