@@ -50,8 +50,13 @@ def main(argv: Sequence[str] | None = None) -> None:
         command = [sys.executable, "-m", "benchmarks.shaded.window", str(options.stage)]
         command += ["--reference", options.reference, "--case", case]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
-        cells = done.stdout.strip() or f"failed: {done.stderr.strip().splitlines()[-1]}"
-        print(f"| {CASES[case]} | {cells} |", flush=True)
+        print(f"| {CASES[case]} | {done.stdout.strip() or failure(done)} |", flush=True)
+
+
+def failure(done: subprocess.CompletedProcess[str]) -> str:
+    """Say why a case has no numbers: what it said last, or how it ended."""
+    said = done.stderr.strip().splitlines()
+    return f"failed: {said[-1] if said else f'said nothing, status {done.returncode}'}"
 
 
 def measured(case: str, stage: Path, reference: str) -> str:
@@ -154,9 +159,12 @@ def _first(stage: Path) -> str:
     code = "import benchmarks.shaded.window as w, sys; w.first_picture(sys.argv[1])"
     start = time.monotonic()
     done = subprocess.run(
-        [sys.executable, "-c", code, str(stage)], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code, str(stage)], capture_output=True, text=True, check=False
     )
-    used, ended = map(float, done.stdout.split())
+    found = done.stdout.split()
+    if done.returncode or len(found) != 2:
+        raise SystemExit(f"first picture: {failure(done)}")
+    used, ended = map(float, found)
     return f" | | | | {ended - start:.1f} | {used:.1f}"
 
 

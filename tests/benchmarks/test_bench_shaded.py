@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the closed form is measured with: `benchmarks/shaded/`."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from asglight.shading import ggx_lobes
 
 constants = module("shaded.constants")
 balls = module("shaded.balls")
+window = module("shaded.window")
 
 
 @pytest.fixture(autouse=True)
@@ -59,3 +61,23 @@ def test_maps_have_rows_for_the_first_form_and_each_form_has_one_for_all(
     assert header == f"| {Form.SG} | 0.5 | Lambert |"
     names = [row.split(" | ")[0].strip("| ") for row in rows]
     assert names == ["one", "other", "**sg, all**", "**bingham, all**"]
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [("", "said nothing, status -9"), ("a traceback\nOSError: full\n", "OSError: full")],
+)
+def test_a_case_of_the_window_that_failed_says_why(
+    said: str, told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(words: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.CompletedProcess(words, -9, "", said)
+
+    monkeypatch.setattr(window.subprocess, "run", run)
+    window.main(["day.usda", "--reference", "day", "--cases", "idle"])
+    assert capsys.readouterr().out.splitlines()[-1] == f"| idle | failed: {told} |"
+
+
+def test_a_stage_that_has_no_first_picture_says_why(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match=r"first picture: failed: asglight: .*gone.usda"):
+        window.measured("first", tmp_path / "gone.usda", "")
