@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run a part and put what it made into the pages."""
 
+import contextlib
 import datetime
 import os
 import shutil
@@ -131,14 +132,29 @@ def make(part: Part, root: Path, places: dict[str, str], output: Path, where: Wh
     missing = _asked(part, root) - content.keys()
     if missing:
         raise PartError(f"made no {', '.join(sorted(missing))}")
-    for target, source in part.pictures.items():
-        drawn = _newly(source, output, new)
-        (root / target).parent.mkdir(parents=True, exist_ok=True)
-        with written_beside(root / target) as temporary:
-            shutil.copyfile(drawn, temporary)
+    drawn = {root / target: _newly(source, output, new) for target, source in part.pictures.items()}
+    changed: dict[Path, str] = {}
     for path in pages(root):
-        note = where.note(part.shown(), is_hidden=path.parent == root)
-        write_text(path, with_blocks(path.read_text(), partial(_made, part, content, note)))
+        before, note = path.read_text(), where.note(part.shown(), is_hidden=path.parent == root)
+        after = with_blocks(before, partial(_made, part, content, note))
+        changed |= {path: after} if after != before else {}
+    _put(changed, drawn)
+
+
+def _put(changed: dict[Path, str], drawn: dict[Path, Path]) -> None:
+    """Write pages and the pictures they show: all beside their targets, then all are renamed.
+
+    Args:
+        changed: Text by page.
+        drawn: What a picture is copied from, by picture.
+    """
+    with contextlib.ExitStack() as renamed_last_first:
+        for page, text in changed.items():
+            beside = renamed_last_first.enter_context(written_beside(page))
+            beside.write_text(text, encoding="utf-8")
+        for picture, source in drawn.items():
+            picture.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, renamed_last_first.enter_context(written_beside(picture)))
 
 
 def _stamps(folder: Path) -> dict[Path, int]:

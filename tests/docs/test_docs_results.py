@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -174,6 +175,44 @@ def test_a_page_that_cannot_be_written_is_said_in_a_line(
     assert run(tmp_path) == 1
     assert "results: fake: " in capsys.readouterr().err
     assert readme.read_text() == text
+
+
+def test_a_picture_stays_as_it_was_where_its_page_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draws = "python -c \"import sys; open(sys.argv[1] + '/a.png', 'w').write('new')\" {output}"
+    toml = f"[fake]\ncommands = ['''{draws}''']\npictures = {{'docs/a.png' = 'a.png'}}\n"
+    readme, file = repository(tmp_path, "", toml)
+    start = f"<!-- made by: {read_parts(file)['fake'].shown()} [fake.picture] -->"
+    readme.write_text(f"{start}\n![A](docs/a.png)\n<!-- end -->\n")
+    old_files(tmp_path / "docs", "a.png")
+    write = Path.write_text
+
+    def full(path: Path, written: str, **named: Any) -> int:
+        if path.suffix == ".md":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(path, written, **named)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "write_text", full)
+        assert run(tmp_path) == 1
+    assert (tmp_path / "docs" / "a.png").read_text() == "old"
+    assert not list(tmp_path.rglob(".asglight*"))
+
+
+def test_no_picture_is_replaced_where_another_was_not_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    draws = "python -c \"import sys; open(sys.argv[1] + '/a.png', 'w').write('new')\" {output}"
+    pictures = "{'docs/a.png' = 'a.png', 'docs/b.png' = 'b.png'}"
+    toml = f"[fake]\ncommands = ['''{draws}''']\npictures = {pictures}\n"
+    readme, file = repository(tmp_path, "", toml)
+    start = f"<!-- made by: {read_parts(file)['fake'].shown()} [fake.picture] -->"
+    readme.write_text(f"{start}\n![A](docs/a.png)\n<!-- end -->\n")
+    old_files(tmp_path / "docs", "a.png")
+    assert run(tmp_path) == 1
+    assert "results: fake: made no b.png" in capsys.readouterr().err
+    assert (tmp_path / "docs" / "a.png").read_text() == "old"
 
 
 def test_what_fails_is_said_and_the_other_parts_go_on(
