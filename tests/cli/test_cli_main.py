@@ -16,6 +16,14 @@ from asglight.cli import main as cli
 from asglight.cli.options import parser
 from asglight.errors import InputError
 
+REST = {
+    "fit": ["-o", "a.usda"],
+    "eval": ["--reference", "a"],
+    "export": ["--to", "json"],
+    "resample": ["-o", "a.usda"],
+}
+"""What a command asks for besides."""
+
 
 @pytest.mark.parametrize("command", sorted(cli.COMMANDS))
 def test_every_command_has_help_with_an_example(
@@ -181,6 +189,21 @@ def test_a_reader_that_closes_early_is_no_error() -> None:
     assert process.stderr is not None
     assert process.stderr.read() == b""
     process.stderr.close()
+
+
+@pytest.mark.parametrize("command", ["fit", "info", "eval", "export", "resample"])
+@pytest.mark.parametrize("frames", ["-9", "-9--2", "-9-4x2", "-9,-7,5"])
+def test_negative_frames_need_no_equals_sign(
+    command: str, frames: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [command, str(tmp_path / "gone"), "--frames", frames]
+    found = cli.command_parser(words).parse_args([*words, *REST.get(command, [])])
+    assert (found.frames, capsys.readouterr().err) == (frames, "")
+
+
+def test_a_negative_number_may_have_an_exponent(tmp_path: Path) -> None:
+    words = ["view", "day.usda", "--exposure-ev", "-5e-1"]
+    assert cli.command_parser(words).parse_args(words).exposure_ev == -0.5
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 
 import argparse
 import difflib
+import re
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any, NoReturn, get_args
@@ -15,6 +16,11 @@ NEAR = 0.7
 """Likeness of a name that is asked after: one letter more, less or other of six."""
 
 
+NEGATIVE = re.compile(r"-\.?\d")
+"""How a value begins that is no option: a negative number, or a range from one. No option of ours
+begins with a digit."""
+
+
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, as every other error of asglight."""
 
@@ -24,6 +30,7 @@ class Parser(argparse.ArgumentParser):
         kwargs.setdefault("allow_abbrev", False)
         kwargs.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(*args, **kwargs)
+        self._negative_number_matcher = NEGATIVE  # argparse's own takes `-9` for one, not `-9--2`
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:
         """Parse; an option that nobody knows is an error of its command, with the nearest one."""
