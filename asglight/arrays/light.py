@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from asglight.arrays.radiance import FLOATS
+from asglight.arrays.radiance import FLOATS, plain
 from asglight.errors import InputError
 from asglight.images.message import compressed
 from asglight.lobes import Lobes, LobeTracks, asg, motion
@@ -212,7 +212,9 @@ def _vectors(points: Any) -> Tensor:
         InputError: They are of another shape or type, not finite, or of no length.
     """
     try:
-        values = points if isinstance(points, Tensor) else np.asarray(points)
+        values = plain(points, "directions")
+    except InputError:
+        raise
     except ValueError as error:  # lists of several lengths
         raise InputError(
             f"directions: no array ({compressed(str(error))}); expected [..., 3] of "
@@ -249,7 +251,7 @@ def _of_each(light: Light, time: Time, function: Callable[[Lobes], Tensor]) -> T
                 "and lobes [N] of one frame. Tracks have times."
             )
         return function(light)
-    time = time.tolist() if isinstance(time, np.ndarray | Tensor) else time
+    time = plain(time, "time").tolist() if isinstance(time, np.ndarray | Tensor) else time
     times = _times(light, time)
     lobes = motion.at(light, times)
     found = [function(lobes[place]) for place in range(len(times))]

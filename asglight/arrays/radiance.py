@@ -41,6 +41,31 @@ def device_of(radiance: Any) -> str:
     return str(radiance.device) if isinstance(radiance, Tensor) else "cpu"
 
 
+def plain(values: Any, name: str) -> Any:
+    """Return a dense tensor as it is, and else a numpy array.
+
+    Args:
+        values: A tensor, or what numpy takes for an array.
+        name: What to call it in a message.
+
+    Raises:
+        InputError: Some of it is masked, or not stored: it would count as it happens to lie there.
+        ValueError: It is no array.
+    """
+    if isinstance(values, Tensor):
+        if values.layout is not torch.strided:
+            raise InputError(f"{name}: a sparse tensor; expected a dense one. Call to_dense().")
+        return values
+    parts = values if isinstance(values, list | tuple) else [values]  # a list of frames
+    masked = sum(np.ma.count_masked(part) for part in parts if isinstance(part, np.ma.MaskedArray))
+    if masked:
+        raise InputError(
+            f"{name}: {masked} values are masked; expected none. Call filled() with what is to "
+            "stand there."
+        )
+    return np.asarray(values)
+
+
 def frames_of(radiance: Any) -> list[Any]:
     """Return the frames of an array, none of them copied.
 
@@ -49,10 +74,12 @@ def frames_of(radiance: Any) -> list[Any]:
             takes for an array.
 
     Raises:
-        InputError: It has another shape, or is not of floating-point numbers.
+        InputError: It has another shape, is not of floating-point numbers, or is masked or sparse.
     """
     try:
-        values = radiance if isinstance(radiance, Tensor) else np.asarray(radiance)
+        values = plain(radiance, "radiance")
+    except InputError:
+        raise
     except ValueError as error:  # a list of frames of several sizes
         raise InputError(
             f"radiance: no array ({compressed(str(error))}); expected [H, 2 H, 3] of one latlong, "

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits of arrays: to the bit what the same frames in files come to."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -160,3 +161,18 @@ def test_a_fit_is_the_same_whatever_type_torch_makes_by_default(form: str) -> No
         torch.set_default_dtype(before)
     for name in ("axes", "sharpness", "amplitude"):
         assert torch.equal(getattr(found, name), getattr(wanted, name))
+
+
+@pytest.mark.parametrize("name", ["fit", "follow"])
+def test_what_is_masked_or_sparse_is_refused(name: str) -> None:
+    sky = np.full((4, 8, 3), 0.5, np.float32)
+    masked = np.ma.masked_array(sky, sky > 1)
+    follower = asglight.Follower(1)
+    take = follower.follow if name == "follow" else partial(asglight.fit, lobes=1)
+    take(masked)  # nothing of it is
+    masked[1, 2] = np.ma.masked
+    for given in (masked, [masked]):
+        with pytest.raises(InputError, match=r"^radiance: 3 values are masked; expected none\."):
+            take(given)
+    with pytest.raises(InputError, match=r"^radiance: a sparse tensor; expected a dense one\."):
+        take(torch.from_numpy(sky).to_sparse())

@@ -3,6 +3,7 @@
 
 import math
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -253,3 +254,17 @@ def test_times_may_be_an_array(kind: type) -> None:
     wanted = asglight.latlong(tracks, 4, [1.0, 2.5])
     assert torch.equal(asglight.latlong(tracks, 4, kind([1.0, 2.5])), wanted)
     assert torch.equal(asglight.latlong(tracks, 4, kind(2.5)), wanted[1])
+
+
+@pytest.mark.parametrize("function", [asglight.radiance, asglight.irradiance])
+def test_directions_and_times_that_are_masked_or_sparse_are_refused(
+    function: Callable[..., torch.Tensor],
+) -> None:
+    up = torch.tensor([0.0, 1.0, 0.0])
+    masked = np.ma.masked_array([0.0, 1.0, 0.0], [0, 1, 0])
+    for given, found in ((masked, "1 values are masked"), (up.to_sparse(), "a sparse tensor")):
+        with pytest.raises(InputError, match=f"^directions: {found}; expected"):
+            function(SHOT, given, 1001)
+    times = torch.tensor([1001.0, 1002.0]).to_sparse()
+    with pytest.raises(InputError, match=r"^time: a sparse tensor; expected"):
+        function(SHOT, up, times)
