@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one error that means: the input is at fault, not the program."""
+"""The one error that means: the input is at fault, not the program. Numbers that raise it."""
+
+import numbers
 
 
 class InputError(ValueError):
@@ -15,3 +17,28 @@ class InputError(ValueError):
         ...     print(str(error).partition(":")[0])
         none.exr
     """
+
+
+def check_whole(name: str, value: object) -> None:
+    """Refuse what is no whole number of Python or numpy: 2.5, True, text, an array.
+
+    Raises:
+        InputError: It is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+        raise InputError(f"{name}: {_told(value)}; expected a whole number.")
+
+
+def check_number(name: str, value: object) -> None:
+    """Refuse what is no real number of Python or numpy: True, text, an array.
+
+    Raises:
+        InputError: It is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise InputError(f"{name}: {_told(value)}; expected a number.")
+
+
+def _told(value: object) -> str:
+    is_short = value is None or isinstance(value, numbers.Number | str)
+    return f"{value!r:.60}" if is_short else f"of type {type(value).__name__}"

@@ -2,11 +2,13 @@
 """A fit of radiance in memory: what `fit_sequence` does of files."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import torch
 
 from asglight.arrays.radiance import Frame, all_prepared, device_of, frames_of
+from asglight.errors import check_whole
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import Following
 from asglight.images.options import LOST_MAX, ReadOptions
@@ -70,8 +72,11 @@ def fit(
     options = FitOptions(lobes, preset_named(preset), form_named(form), seed, device)
     check_options(options)
     check_fps(fps)
-    reading = ReadOptions(repair=repair)
-    reading.check()
+    check_whole("first frame", first_frame)
+    ReadOptions(repair=repair).check()
+    # numbers of numpy become Python's, for metadata are JSON
+    options = replace(options, lobes=None if lobes is None else int(lobes), seed=int(seed))
+    first_frame, fps, repair = int(first_frame), float(fps), float(repair)
     count = len(frames_of(radiance))
     options = options.settled(count)
     frames = all_prepared(radiance, repair, first_frame)

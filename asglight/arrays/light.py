@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from asglight.arrays.radiance import FLOATS, plain
-from asglight.errors import InputError
+from asglight.errors import InputError, check_number, check_whole
 from asglight.images.message import compressed
 from asglight.lobes import Lobes, LobeTracks, asg, motion
 from asglight.lobes.texels import texel_means
@@ -104,6 +104,7 @@ def latlong(light: Light, height: int = 256, time: Time = None) -> Tensor:
     Raises:
         InputError: There are no such rows, or the time is missing or none.
     """
+    check_whole("height", height)
     if height < 1:
         raise InputError(f"height: {height} rows; expected 1 or more.")
     return _of_each(light, time, lambda lobes: texel_means(lobes, height, 2 * height))
@@ -135,13 +136,19 @@ def balls(
     Raises:
         InputError: A roughness or the size is none, or the time is missing or none.
     """
+    if not isinstance(roughness, Sequence | np.ndarray | Tensor) or isinstance(roughness, str):
+        raise InputError("roughness: no list; expected one or more, such as (0.25, None).")
     if not len(roughness):
         raise InputError("roughness: none; expected one or more.")
+    for one in roughness:
+        if one is not None and not isinstance(one, Tensor):
+            check_number("roughness", one)
     bad = [one for one in roughness if one is not None and not ROUGHNESS_MIN <= one <= 1]
     if bad:
         raise InputError(
             f"roughness: {bad[0]:g}; expected {ROUGHNESS_MIN:g} to 1, or None for a matte ball."
         )
+    check_whole("size", size)
     if size < 1:
         raise InputError(f"size: {size}; expected 1 pixel or more.")
     return _of_each(light, time, lambda lobes: _balls(lobes, roughness, size))
@@ -251,6 +258,8 @@ def _of_each(light: Light, time: Time, function: Callable[[Lobes], Tensor]) -> T
                 "and lobes [N] of one frame. Tracks have times."
             )
         return function(light)
+    if not isinstance(light, LobeTracks):
+        raise InputError(f"light: of type {type(light).__name__}; expected tracks, or lobes.")
     time = plain(time, "time").tolist() if isinstance(time, np.ndarray | Tensor) else time
     times = _times(light, time)
     lobes = motion.at(light, times)
@@ -271,9 +280,11 @@ def _times(tracks: LobeTracks, time: Time) -> list[float]:
             raise InputError(f"time: none; expected one, in the frame numbers {whole}.")
         return [float(first)]
     try:
-        if isinstance(time, str | bytes):  # a sequence of letters, which float reads one by one
+        given = time if isinstance(time, Sequence) else [time]
+        # a text is a sequence of letters, and float reads text; True is 1 to it
+        if isinstance(time, str | bytes) or any(isinstance(one, str | bool) for one in given):
             raise TypeError
-        times = [float(one) for one in (time if isinstance(time, Sequence) else [time])]
+        times = [float(one) for one in given]
     except (TypeError, ValueError, OverflowError):
         times = []
     if not times or not all(map(math.isfinite, times)):

@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from asglight.errors import InputError
+from asglight.errors import InputError, check_number
 from asglight.images.message import shown
 
 Eye = Literal["left", "right"]
@@ -41,6 +41,7 @@ class ReadOptions:
         """
         if self.eye is not None and self.eye not in get_args(Eye):
             raise InputError(f"eye: {shown(self.eye)}; expected left or right.")
+        check_number("repair", self.repair)
         if not (math.isfinite(self.repair) and 0 <= self.repair <= 1):
             raise InputError(
                 f"repair: {self.repair:g}; expected a share from 0 to 1, such as 0.1: what a frame "

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import torch
 
-from asglight.errors import InputError
+from asglight.errors import InputError, check_number
 from asglight.lobes import motion
 from asglight.lobes.data import FRAMES_MAX, LobeTracks
 
@@ -72,6 +72,7 @@ def resampled_times(
     """
     fps = tracks.fps if fps is None else fps
     for name, value in (("fps", fps), ("speed", speed)):
+        check_number(name, value)
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name}: {value:g}; expected a finite number above 0.")
     first, last = _range(tracks, frames)

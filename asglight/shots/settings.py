@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from asglight import __version__
-from asglight.errors import InputError
+from asglight.errors import InputError, check_number, check_whole
 from asglight.fitting.options import FitOptions, Preset
 from asglight.images import Sequence
 from asglight.images.message import shown
@@ -31,9 +31,12 @@ def check_options(options: FitOptions) -> None:
         InputError: A value is out of range, or the device is not there.
     """
     for name, count in (("lobes", options.lobes), ("max lobes", options.max_lobes)):
+        if count is not None:
+            check_whole(name, count)
         if count is not None and not 1 <= count <= LOBES_MAX:
             raise InputError(f"{name}: {count}; expected 1 to {LOBES_MAX}.")
     _check_tolerance(options)
+    check_whole("seed", options.seed)
     if not 0 <= options.seed <= SEED_MAX:
         raise InputError(f"seed: {options.seed}; expected 0 to 2^63 - 1.")
     if len(options.paper_steps) != 2 or min(options.paper_steps) < 1:
@@ -74,6 +77,7 @@ def _check_tolerance(options: FitOptions) -> None:
 
 def check_fps(fps: float) -> None:
     """Refuse a frame rate that is not a positive number."""
+    check_number("fps", fps)
     if not (math.isfinite(fps) and fps > 0):
         raise InputError(f"fps: {fps:g}; expected a number above 0, such as 24 or 23.976.")
 

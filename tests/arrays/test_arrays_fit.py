@@ -3,6 +3,7 @@
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -176,3 +177,31 @@ def test_what_is_masked_or_sparse_is_refused(name: str) -> None:
             take(given)
     with pytest.raises(InputError, match=r"^radiance: a sparse tensor; expected a dense one\."):
         take(torch.from_numpy(sky).to_sparse())
+
+
+SETTINGS = {
+    "lobes": (2.5, True, "2", np.array(2)),
+    "seed": (2.5, True, "2", None),
+    "first_frame": (2.5, True, "2", None),
+    "fps": (True, "24", None),
+    "repair": (True, "0.1", None),
+}
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_a_setting_that_is_no_number_is_refused(name: str) -> None:
+    sky = np.full((4, 8, 3), 0.5, np.float32)
+    for value in SETTINGS[name]:
+        settings: dict[str, Any] = {name: value}
+        with pytest.raises(InputError, match=f"^{name.replace('_', ' ')}: .*; expected a .*numb"):
+            asglight.fit(sky, **settings)
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+    sky = np.full((4, 8, 3), 0.5, np.float32)
+    settings: dict[str, Any] = {"lobes": np.int64(2), "seed": np.uint8(3), "fps": np.float32(25)}
+    settings |= {"first_frame": np.int16(7), "repair": np.float32(0.25)}
+    found = asglight.fit(sky, **settings)
+    asglight.write_usd(found, tmp_path / "sky.usda")
+    again = asglight.read_usd(tmp_path / "sky.usda")
+    assert (again.frames, again.fps) == ((7,), 25)

@@ -5,6 +5,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -268,3 +269,29 @@ def test_directions_and_times_that_are_masked_or_sparse_are_refused(
     times = torch.tensor([1001.0, 1002.0]).to_sparse()
     with pytest.raises(InputError, match=r"^time: a sparse tensor; expected"):
         function(SHOT, up, times)
+
+
+@pytest.mark.parametrize("value", [2.5, 4.0, True, "4", None, math.nan])
+def test_a_size_that_is_no_whole_number_is_refused(value: Any) -> None:
+    with pytest.raises(InputError, match=r"^height: .*; expected a whole number"):
+        asglight.latlong(SHOT, value, 1001)
+    with pytest.raises(InputError, match=r"^size: .*; expected a whole number"):
+        asglight.balls(SHOT, 1001, size=value)
+
+
+@pytest.mark.parametrize("value", [0.5, "a", None, ["a"], [True], [0.5 + 0j]])
+def test_a_roughness_that_is_no_number_is_refused(value: Any) -> None:
+    with pytest.raises(InputError, match=r"^roughness: .*; expected"):
+        asglight.balls(SHOT, 1001, roughness=value)
+
+
+@pytest.mark.parametrize("value", [True, ["1001"], [True], np.array(["1001"]), torch.tensor(True)])
+def test_a_time_that_is_no_number_is_refused(value: Any) -> None:
+    with pytest.raises(InputError, match=r"^time: .*; expected numbers"):
+        asglight.latlong(SHOT, 4, value)
+
+
+@pytest.mark.parametrize("light", [None, "day.usda", np.zeros((4, 8, 3))])
+def test_what_is_no_light_is_refused(light: Any) -> None:
+    with pytest.raises(InputError, match=r"^light: of type \w+; expected tracks, or lobes\."):
+        asglight.latlong(light, 4)
