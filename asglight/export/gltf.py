@@ -74,7 +74,8 @@ class PunctualLight:
         rotation: Turns +Z to the light, (x, y, z, w).  [T, 4]
         intensity: Irradiance that a patch facing it receives, of its brightest channel: lux, where
             the images are in nits.  [T]
-        color: Linear Rec.709, the brightest channel 1.  [T, 3]
+        color: Linear Rec.709, the brightest channel 1. Where the light is off, that of the sample
+            beside it that is lit, for a reader mixes both; white, if none is.  [T, 3]
     """
 
     def __init__(self, name: str, rotation: torch.Tensor, irradiance: torch.Tensor) -> None:
@@ -86,7 +87,8 @@ class PunctualLight:
             irradiance: On a patch that faces it.  [T, 3]
         """
         peak = irradiance.amax(-1)
-        color = torch.where(peak[:, None] > 0, irradiance / peak[:, None], 1.0)
+        shown = motion.light_of(peak <= 0)
+        color = torch.where(peak[shown, None] > 0, irradiance[shown] / peak[shown, None], 1.0)
         self.name = name
         self.rotation: Array = rotation[:, [1, 2, 3, 0]].float().numpy()
         self.intensity: Array = peak.float().numpy()

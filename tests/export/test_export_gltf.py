@@ -143,6 +143,16 @@ def test_light_between_frames_is_that_of_the_tracks(tmp_path: Path) -> None:
             np.testing.assert_allclose(towards, axis, atol=2e-6)
 
 
+def test_a_lamp_that_comes_and_goes_keeps_its_colour(tmp_path: Path) -> None:
+    tracks = moving(range(1, 7), 1)
+    tracks.lobes.amplitude[:, 0] = torch.tensor([4.0, 1.0, 0.0])
+    tracks.lobes.amplitude[[0, 1, 3, 4], 0] = 0
+    read = written(tmp_path, tracks)
+    for time in np.arange(1, 6, 0.125):
+        _, light = read.at((time - 1) / tracks.fps)[0]
+        np.testing.assert_allclose(light, light[0] * np.array([1, 0.25, 0]), atol=1e-6)
+
+
 def test_a_still_has_no_animation_and_a_dark_lobe_is_white_and_off(tmp_path: Path) -> None:
     tracks = moving(FRAMES, 2)
     lobes = tracks.lobes[:1]
