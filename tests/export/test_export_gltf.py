@@ -143,6 +143,30 @@ def test_light_between_frames_is_that_of_the_tracks(tmp_path: Path) -> None:
             np.testing.assert_allclose(towards, axis, atol=2e-6)
 
 
+def test_a_gap_has_as_many_samples_as_a_frame(tmp_path: Path) -> None:
+    tracks = moving([-7, -6, 90_000], 3)
+    read = written(tmp_path, tracks)
+    assert read.document["accessors"][0]["count"] == 9
+    for time in [-7, -6.5, -6, 30_000, 45_001, 90_000]:
+        lobes = motion.at(tracks, [float(time)])[0]
+        wanted = asg.facing_irradiance(lobes).numpy()
+        found = read.at(min((time + 7) / tracks.fps, read.document["accessors"][0]["max"][0]))
+        off = [np.abs(light - one).max() for (_, light), one in zip(found, wanted, strict=True)]
+        assert sum(off) < BETWEEN * wanted.max(-1).sum()
+        for (towards, _), axis in zip(found, lobes.axes[:, 2].numpy(), strict=True):
+            np.testing.assert_allclose(towards, axis, atol=1e-5)
+
+
+@pytest.mark.parametrize(("last", "fps"), [(10_000_000, 24.0), (1, 1e45)])
+def test_times_that_no_file_can_tell_apart_are_refused(
+    last: int, fps: float, tmp_path: Path
+) -> None:
+    tracks = replace(moving([0, last, last + 1]), fps=fps)
+    with pytest.raises(InputError, match=r"frames: 0 to \d+ at .* fps; expected quarters of a"):
+        write_gltf(tmp_path / "far.glb", tracks, tracks.names)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_lamp_that_comes_and_goes_keeps_its_colour(tmp_path: Path) -> None:
     tracks = moving(range(1, 7), 1)
     tracks.lobes.amplitude[:, 0] = torch.tensor([4.0, 1.0, 0.0])
