@@ -21,6 +21,7 @@ from torch import Tensor
 from asglight import __version__
 from asglight.export import albedo, glsl_text
 from asglight.export.keyed import TERMS
+from asglight.images.message import shown
 from asglight.images.output import written_beside
 from asglight.lobes import Form, Lobes, LobeTracks, flat
 from asglight.shader_files import enum_number, included_lines
@@ -189,7 +190,7 @@ def environment(tracks: LobeTracks, blocks_name: str, rest: Tensor | None = None
         version=__version__,
         block=""
         if is_still
-        else _BLOCK_HEADER.format(block=BLOCK, size=blocks[0].nbytes, file=blocks_name),
+        else _BLOCK_HEADER.format(block=BLOCK, size=blocks[0].nbytes, file=shown(blocks_name)),
     )
     if is_still:
         data = _constant_vectors(blocks[0], sheet_count)

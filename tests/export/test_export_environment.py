@@ -6,7 +6,9 @@ sharp. The albedo of the layer has an error of its own, ERROR_MAX: the layer is 
 library's under the albedo that the shader found.
 """
 
+import os
 import re
+from pathlib import Path
 
 import moderngl
 import pytest
@@ -16,7 +18,7 @@ from lobe_cases import random_lobes
 from torch import Tensor
 
 from asglight.export.albedo import ERROR_MAX
-from asglight.export.environment import Environment, environment
+from asglight.export.environment import Environment, environment, write_glsl
 from asglight.lobes import Form, Lobes, LobeTracks, asg
 from asglight.lobes.data import stack
 from asglight.lobes.frames import axes_around
@@ -227,6 +229,17 @@ def test_a_shot_that_rests_has_constants() -> None:
     made = of_frames(lobes, lobes)
     assert made.blocks is None
     assert "frames 7-8 at 24 fps" in made.text
+
+
+@pytest.mark.parametrize("name", [b"one\nvec3 two", b"odd \xff"])
+def test_an_odd_name_of_the_blocks_stays_within_its_comment(name: bytes, tmp_path: Path) -> None:
+    lobes = random_lobes(Form.ASG)
+    tracks = LobeTracks((7, 8), 24.0, stack([lobes, with_other_light(lobes)]))
+    target = tmp_path / os.fsdecode(name + b".glsl")
+    assert write_glsl(target, tracks) == [target, target.with_suffix(".f32")]
+    head = target.read_text(encoding="utf-8").split("#ifdef GL_ES")[0].splitlines()
+    outside = [line for line in head if line and not line.startswith("//")]
+    assert outside == []
 
 
 def test_a_lobe_stays_if_it_shines_in_any_frame() -> None:
