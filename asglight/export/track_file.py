@@ -59,8 +59,10 @@ KEYED_CONVENTION = (
     "is a rectangle of one radiance with its middle at distance 1 in the direction center, along "
     "axis_x and axis_y, half_size from its middle either way; it faces the origin only where both "
     "are at right angles to center. irradiance: on a surface that faces center. images: latlong, "
-    "one a frame, +Y up, the rest. irradiance_sh: of the rest on a normal (x, y, z), c0 + c1 y "
-    "+ c2 z + c3 x + c4 x y + c5 y z + c6 (3 z^2 - 1) + c7 x z + c8 (x^2 - y^2)."
+    "one a frame, +Y up, the rest, in the linear space that their chromaticities state, Rec.709 "
+    "where they state none; all numbers here are Rec.709. irradiance_sh: of the rest on a normal "
+    "(x, y, z), c0 + c1 y + c2 z + c3 x + c4 x y + c5 y z + c6 (3 z^2 - 1) + c7 x z "
+    "+ c8 (x^2 - y^2)."
 )
 
 

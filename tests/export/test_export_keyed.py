@@ -6,6 +6,7 @@ from pathlib import Path
 
 import moderngl
 import numpy as np
+import OpenEXR
 import pytest
 import torch
 from include_shader import points, shown
@@ -102,6 +103,18 @@ def test_keys_in_the_file_are_those_that_usd_says(
         terms = document["rest"]["irradiance_sh"][place]
         np.testing.assert_allclose(terms, irradiance_terms(rest), rtol=1e-5, atol=1e-6)
     assert read_json("below/a.json").lobes.count == 3  # as without keys
+
+
+def test_the_file_says_which_space_the_images_of_the_rest_are_in(tmp_path: Path) -> None:
+    images(tmp_path, FRAMES[:1])
+    write(tmp_path, frames=FRAMES[:1], colorspace="ACEScg")
+    target = tmp_path / "a.json"
+    assert main(["export", str(tmp_path / "shot.usda"), "--to", "json", "-o", str(target)]) == 0
+    document = json.loads(target.read_text())
+    [image] = document["rest"]["images"]
+    with OpenEXR.File(str(tmp_path / image)) as file:
+        assert file.header()["chromaticities"][:2] == pytest.approx([0.713, 0.293])
+    assert "linear space that their chromaticities state" in document["keyed_convention"]
 
 
 def test_keys_and_rest_light_a_matte_surface_as_the_image_does(stage: Path) -> None:
