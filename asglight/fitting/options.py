@@ -52,8 +52,8 @@ class FitOptions:
     Attributes:
         lobes: Number of lobes; None for `LOBES` or, with a tolerance, for as many as it takes.
         preset: How.
-        form: Lobe function; None lets `fast` and `best` choose for a still: asg, or flat where that
-            shows it better. `live`, `paper` and shots of several frames then take asg.
+        form: Lobe function; None lets `fast` and `best` choose for a still: asg, or flat or sg
+            where that shows it better. `live`, `paper` and shots of several frames then take asg.
         seed: Of the `paper` preset's start; the others draw no random numbers.
         device: Where torch computes: "cpu", "cuda", "cuda:1".
         paper_steps: Adam steps of the `paper` preset for the first and for each next frame.
@@ -93,7 +93,8 @@ class FitOptions:
         """Return the same settings with every number that they leave open.
 
         The form is chosen for a still alone: flat lobes that follow lamps can lose them, and cost
-        more of irr than they gain of env (docs/method/fewer-lobes.md).
+        more of irr than they gain of env (docs/method/fewer-lobes.md), and what one frame chooses
+        would hold for all.
 
         Args:
             frames: Of the shot.

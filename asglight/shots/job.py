@@ -235,7 +235,7 @@ def fit_sequence(
         lobes: Number of lobes, at most (None: 15); those that the shot does not need are left out.
         preset: How the fit is made: a value of `asglight.fitting.options.Preset`.
         form: Lobe function: `asg`, `bingham`, `sg` or `flat`; `auto` lets `fast` and `best` take
-            `flat` in place of `asg` for a still that it shows better.
+            `flat` or `sg` in place of `asg` for a still that it shows better.
         seed: Of the presets that draw random numbers.
         device: Where torch computes: `cpu`, `cuda`, `cuda:1`.
         frames: Frames to use, such as `1001-1048`; None for all.

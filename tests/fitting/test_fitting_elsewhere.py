@@ -9,7 +9,7 @@ from elsewhere import DEVICE, Elsewhere, watched
 from lobe_cases import sky_and_sun
 
 from asglight.fitting.first_frame import fit as first_frame
-from asglight.fitting.first_frame import flat_tops, reweighting, seeding, split_merge
+from asglight.fitting.first_frame import other_forms, reweighting, seeding, split_merge
 from asglight.fitting.first_frame.fit import Level, fit_first_frame
 from asglight.fitting.following.next_frame import LIVE, fit_next_frame
 from asglight.fitting.following.whole_shot import Refinement, refine_shot
@@ -42,7 +42,7 @@ def _few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (split_merge, splitting):
         for name in ("SETTLING_STEPS", "TRIAL_STEPS", "STEPS"):
             monkeypatch.setattr(module, name, 1)
-    for module in (reweighting, stills_reweighting, flat_tops):
+    for module in (reweighting, stills_reweighting, other_forms):
         monkeypatch.setattr(module, "STEPS", 1)
     for module in (reweighting, stills_reweighting):
         monkeypatch.setattr(module, "ROUNDS", 2)

@@ -66,7 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--max-lobes", type=int, metavar="N", help=most)
     presets = [str(preset) for preset in Preset]
     add("--preset", choices=presets, default=str(default.preset), help=MADE)
-    function = "lobe function; auto: asg, or flat if a still is better so (default: %(default)s)"
+    better = "asg, or flat or sg if a still is better so"
+    function = f"lobe function; auto: {better} (default: %(default)s)"
     add("--form", choices=FORM_NAMES, default=str(default.form), help=function)
     add_input_options(parser)
     part = "the shot's first frame, if --frames is a part of it: parts then have the same lobes"

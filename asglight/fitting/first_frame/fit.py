@@ -9,7 +9,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from asglight.fitting.first_frame import flat_tops, multi_start, reweighting, seeding
+from asglight.fitting.first_frame import multi_start, other_forms, reweighting, seeding
 from asglight.fitting.first_frame.split_merge import split_and_merge
 from asglight.fitting.loss import adaptive_cells, objective
 from asglight.fitting.loss.grid import grid
@@ -214,7 +214,8 @@ def fit_first_frame(
     Args:
         reference: Repaired radiance.  [H, 2 H, 3]
         count: N.
-        form: Lobe function; None for asg, or flat where that shows the map better (flat_tops.py).
+        form: Lobe function; None for asg, or flat or sg where that shows the map better
+            (other_forms.py).
         settings: How much is spent.
         on_step: Called after each step of the first start, and each round of splits of it that is
             kept, with lobes in units of the map's mean radiance, perhaps on another thread.
@@ -262,9 +263,9 @@ def fit_first_frame(
         )
 
     best = fitted(first)
-    if form is None and flat_tops.promises(best.found.lobes, whole, width_min):
-        flat = fitted(Form.FLAT)
-        best = flat if flat_tops.gains(flat.found, best.found) else best
+    if form is None:
+        promising = other_forms.promising(best.found.lobes, seed(Form.SG, None), whole, width_min)
+        best = other_forms.best_of(best, map(fitted, promising))
     lit = light.last_by_texel_means(best.lit, last)
     return with_flux_of(lit.lobes[0], frame, float(best.found.value))
 
