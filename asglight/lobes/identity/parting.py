@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lobes that are given another place: one light fades where it was, another where it is.
+
+Now and then the lobes of a sky share its light out anew. One that turns by tens of degrees, while
+others fill the place that it left, has not moved, but its track would sweep over the sphere between
+the frames. Irradiance tells: it is a mean over half of the sphere, and where light moves it changes
+almost evenly from frame to frame. Where it would stray from that, lobes part from their tracks:
+first the one without whose turn it strays least. Their later frames go to tracks that are free.
+
+Symbols: G pairs of frames, K lobes, P directions, D normals.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+
+import torch
+from torch import Tensor
+
+from asglight.lobes import asg, frames, motion
+from asglight.lobes.data import Lobes
+from asglight.sphere.quadrature import fibonacci_directions
+
+TURN = math.radians(10)
+"""Of a lobe that may part. By less, turning and fading look the same."""
+
+STRAY = 0.25
+"""Share of half the change of irradiance by which it may stray in the middle. Of lamps that pass in
+`tunnel`, and of a camera that pans by 10 to 30 degrees a frame, it is at most 0.21; where lobes of
+`handheld` were given other places, 0.3 to 1."""
+
+ALONE = 1.25
+"""Of what the turning lobes stray, each in its own change. A lamp alone that turns by 60 degrees
+strays by 0.45, as all lobes do where a camera pans by as much, and turns still."""
+
+UNSEEN = 5e-4
+"""Of the mean irradiance: what the fits of single frames are off by."""
+
+WIDTH = math.radians(10)
+"""Lobes are seen with at least this sigma, about the spacing of the directions. Irradiance shows
+nothing as fine."""
+
+DIRECTIONS, NORMALS = 512, 48
+
+AT_ONCE = 64
+"""Pairs of frames. What 15 lobes of each send in all directions takes 4 MB."""
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """What a pair of frames shows.
+
+    Attributes:
+        frame: The first of them.
+        lobes: Those that may part.  K
+        stray: By how much each turn makes irradiance stray in the middle.  [K, D]
+        change: Half of what each changes it by.  [K, D]
+        total: Half of what all lobes change it by, in the mean over normals.
+        most: How much it may stray.
+    """
+
+    frame: int
+    lobes: list[int]
+    stray: Tensor
+    change: Tensor
+    total: Tensor
+    most: Tensor
+
+    @property
+    def moved(self) -> Tensor:
+        """How much it strays if these lobes are all that moves."""
+        return self.total * self.stray.abs().sum() / self.change.abs().sum()
+
+
+def parted(lobes: Lobes) -> Lobes:
+    """Let lobes that were given another place have a track of their own from there on.
+
+    A lobe stays in its track where no track is free: dark in two frames before and after.
+
+    Args:
+        lobes: A shot.  [F, N, .]
+
+    Returns:
+        The shot, later frames of some tracks exchanged with those of dark ones.  [F, N, .]
+    """
+    order = torch.arange(lobes.count).repeat(len(lobes.axes), 1)
+    lit = ~motion.is_black(lobes)
+    for pair in _pairs(lobes, lit[1:] & lit[:-1]):
+        for lobe in _straying(pair, torch.maximum(pair.most, ALONE * pair.moved)):
+            track = int((order[pair.frame + 1] == lobe).nonzero())
+            free = _free_track(lobes, lit, order, pair.frame, lobe)
+            if free is not None:
+                order[pair.frame + 1 :, [track, free]] = order[pair.frame + 1 :, [free, track]]
+    return lobes[torch.arange(len(order))[:, None], order]
+
+
+def held(lobes: Lobes) -> Lobes:
+    """Let lobes fade where they are whose path is carried on to where no light goes.
+
+    Args:
+        lobes: A shot, `fading.carried_on`.  [F, N, .]
+
+    Returns:
+        The shot, with other axes of black lobes.  [F, N, .]
+    """
+    lit, axes = ~motion.is_black(lobes), lobes.axes.clone()
+    # a track that is dark for one frame alone has a path on both sides
+    alone = lit[2:] & ~lit[1:-1] & lit[:-2]
+    fades = lit[1:] ^ lit[:-1]
+    fades[1:] &= ~alone
+    fades[:-1] &= ~alone
+    for pair in _pairs(lobes, fades):
+        for lobe in _straying(pair, pair.most):
+            first, last = pair.frame, pair.frame + 1
+            dark, shines = (last, first) if lit[first, lobe] else (first, last)
+            axes[dark, lobe] = axes[shines, lobe]
+    return replace(lobes, axes=axes)
+
+
+def _pairs(lobes: Lobes, marks: Tensor) -> Iterator[_Pair]:
+    """Yield the pairs of frames in which marked lobes turn.
+
+    Args:
+        lobes: A shot.  [F, N, .]
+        marks: Lobes from one frame to the next.  [F - 1, N]
+    """
+    angle = (lobes.axis_z[1:] * lobes.axis_z[:-1]).sum(-1).clamp(-1, 1).acos()
+    turns = marks & (angle > TURN)
+    for some in torch.nonzero(turns.any(-1)).flatten().split(AT_ONCE):
+        numbers = torch.cat([some, some + 1]).unique()
+        seen = _irradiance(motion.exact(lobes[numbers]))
+        before, after = (seen[torch.searchsorted(numbers, some + step)] for step in (0, 1))
+        total = ((after - before).sum(1) / 2).abs().mean(-1)
+        most = torch.maximum(STRAY * total, UNSEEN * (after + before).sum(1).mean(-1) / 2)
+        place, lobe = torch.nonzero(turns[some], as_tuple=True)
+        first, last = (motion.exact(lobes[some[place] + step, lobe]) for step in (0, 1))
+        middle = motion.between(first, frames.align(last, first), torch.tensor(0.5))
+        stray = _irradiance(middle) - (before + after)[place, lobe] / 2
+        change = (after - before)[place, lobe] / 2
+        for index, frame in enumerate(some.tolist()):
+            own = place == index
+            yield _Pair(
+                frame, lobe[own].tolist(), stray[own], change[own], total[index], most[index]
+            )
+
+
+def _straying(pair: _Pair, most: Tensor) -> Iterator[int]:
+    """Yield lobes, the worst first, while irradiance strays and strays less without their turn.
+
+    Args:
+        pair: What two frames show.
+        most: How much it may stray.
+    """
+    stray, left = pair.stray.sum(0), list(range(len(pair.lobes)))
+    while left and stray.abs().mean() > most:
+        without = (stray - pair.stray[left]).abs().mean(-1)
+        best = int(without.argmin())
+        if float(without[best]) >= float(stray.abs().mean()):
+            return
+        stray = stray - pair.stray[left[best]]
+        yield pair.lobes[left.pop(best)]
+
+
+def _free_track(lobes: Lobes, lit: Tensor, order: Tensor, frame: int, lobe: int) -> int | None:
+    """Return the free track whose light was most nearly as wide; None where none is free.
+
+    Args:
+        lobes: The shot.  [F, N, .]
+        lit: Which send light.  [F, N]
+        order: The lobe that each track has.  [F, N]
+        frame: After which a track is needed.
+        lobe: For which lobe.
+    """
+    near = slice(max(frame - 1, 0), frame + 3)
+    dark = ~lit[near].gather(1, order[near]).any(0)
+    sharpness = lobes.sharpness[frame + 1]
+    unlike = (sharpness[order[frame + 1]].log() - sharpness[lobe].log()).abs().sum(-1)
+    best = int(torch.where(dark, unlike, torch.inf).argmin())
+    return best if bool(dark[best]) else None
+
+
+def _irradiance(lobes: Lobes) -> Tensor:
+    """Return the irradiance of lobes over pi, channels summed.  [..., K, .] -> [..., K, D]."""
+    lit = ~motion.is_black(lobes)
+    own, (directions, normals, cosines) = lobes[lit], _sphere()
+    variance = 1 / own.sharpness + asg.per_variance(own.form) * WIDTH**2
+    values = asg.local_values(replace(own, sharpness=1 / variance), own.axes @ directions.mT)
+    flux = asg.flux(own).sum(-1, keepdim=True)
+    found = flux.new_zeros(*lit.shape, len(normals))
+    found[lit] = flux * (values @ cosines.mT) / values.sum(-1, keepdim=True)
+    return found
+
+
+@cache
+def _sphere() -> tuple[Tensor, Tensor, Tensor]:
+    """Return directions [P, 3], normals [D, 3], and the cosines between them over pi [D, P]."""
+    directions = fibonacci_directions(DIRECTIONS, dtype=torch.float64)
+    normals = fibonacci_directions(NORMALS, dtype=torch.float64)
+    return directions, normals, (normals @ directions.mT).clamp(min=0) / math.pi
