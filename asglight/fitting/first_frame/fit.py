@@ -2,9 +2,9 @@
 """A first frame: an EM start, steps under narrowing corners, the flux made exact."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -21,21 +21,11 @@ from asglight.sphere import latlong
 from asglight.sphere.quadrature import fibonacci_directions
 from asglight.threads import once, one_thread
 
-
-class Splitting(Protocol):
-    """Tries splits and merges, as `split_and_merge`."""
-
-    def __call__(
-        self,
-        start: newton.Outcome,
-        frame: objective.Target,
-        coarse: objective.Target,
-        rounds: int,
-        width_min: float,
-        on_step: newton.OnStep | None = None,
-    ) -> newton.Outcome:
-        """Return the lobes after so many rounds at most."""
-        ...
+Splitting = Callable[
+    [newton.Outcome, objective.Target, objective.Target, int, float, newton.OnStep | None],
+    newton.Outcome,
+]
+"""Tries splits and merges: the arguments of `split_and_merge` in their order."""
 
 
 @dataclass(frozen=True)
