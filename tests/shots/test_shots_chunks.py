@@ -17,7 +17,7 @@ from asglight.errors import InputError
 from asglight.fitting.options import FitOptions, Preset
 from asglight.shots import fit_shot
 from asglight.shots.events import Event, Notice, ignore
-from asglight.shots.kept.checkpoint import BusyError, Checkpoint, header_of
+from asglight.shots.kept.checkpoint import BusyError, Checkpoint, alone, header_of
 from asglight.shots.parts import chunks
 from asglight.shots.parts.chunks import OVERLAP, Parts, Shot, cut, fit_part
 
@@ -184,6 +184,21 @@ def test_two_runs_on_one_stage_are_refused(shot: Shot) -> None:
         pytest.raises(BusyError, match="another run is writing it"),
     ):
         Parts(shot, 8, resume=True, on_progress=ignore)
+
+
+def test_nothing_else_writes_the_stage_of_a_shot_in_parts(shot: Shot) -> None:
+    done = Path(shot.output + ".parts") / "part.1001-1010.done"
+    begin(shot)
+    with alone(shot.output), pytest.raises(BusyError, match=r"shot\.usda: another run is writing"):
+        begin(shot)
+    assert done.exists()
+    with Parts(shot, 8, resume=True, on_progress=ignore):
+        with pytest.raises(BusyError, match="another run is writing it"), alone(shot.output):
+            pass
+        with pytest.raises(BusyError, match="another run is writing it"):
+            fit_shot(shot.source, shot.output, LIVE)
+    with alone(shot.output):
+        pass
 
 
 def test_a_part_waits_for_a_worker_that_was_given_up(

@@ -29,6 +29,7 @@ from asglight.shots.job import fit_shot
 from asglight.shots.kept.checkpoint import SUFFIX as CHECKPOINT_SUFFIX
 from asglight.shots.kept.checkpoint import (
     BusyError,
+    alone,
     check_same,
     delete,
     not_writable,
@@ -108,7 +109,7 @@ class Part:
 
 
 class Parts:
-    """The parts of one shot, in a folder that only this run may use.
+    """The parts of one shot, in a folder that only this run may use, as it alone writes the stage.
 
     Attributes:
         shot: The shot.
@@ -127,7 +128,8 @@ class Parts:
             on_progress: Called with a `Notice` where something is left aside.
 
         Raises:
-            InputError: The shot cannot be fitted, or the folder is in use or of another run.
+            InputError: The shot cannot be fitted, the stage or the folder is in use, or the folder
+                is of another run.
         """
         output = Path(shot.output)
         check_options(replace(shot.options, device="cpu"))  # the device is that of the workers
@@ -147,7 +149,11 @@ class Parts:
         options = shot.options.settled(len(sequence.frames))
         header = {**settings_of(sequence, options, shot.fps), "chunk": length}
         images = [list(stamp_of(sequence, frame)) for frame in sequence.frames]
-        self._open(header, sequence, images, resume, on_progress)
+        with contextlib.ExitStack() as held:
+            if first is not None:  # one that is not cut is held by its own fit
+                held.enter_context(alone(output))
+            self._open(header, sequence, images, resume, on_progress)
+            self._held = held.pop_all()
 
     def __enter__(self) -> Self:
         """Return the parts."""
@@ -158,6 +164,7 @@ class Parts:
         if not any(self.folder.glob("part.*")):
             self.remove()
         self._stream.close()
+        self._held.close()
 
     def remove(self) -> None:
         """Delete the folder: the shot is written."""
