@@ -19,7 +19,7 @@ Dimension letters: F frames, N lobes, K probes, D views of a probe.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import torch
@@ -56,21 +56,8 @@ CHUNK = 8
 """Frames side by side: 8 x 15 lobes on 64 x 128 cells are 4 MB."""
 
 
-@dataclass(frozen=True)
-class Simplified:
-    """The lobes of a shot after the simplifications.
-
-    Attributes:
-        lobes: Those that are left.  [F, N', .]
-        needed: Which of the lobes those are.  [N]
-    """
-
-    lobes: Lobes
-    needed: Tensor
-
-
-def leave_out(lobes: Lobes, budget: Tensor, threads: int = 1) -> Simplified:
-    """Simplify the lobes of a shot.
+def leave_out(lobes: Lobes, budget: Tensor, threads: int = 1) -> Lobes:
+    """Return the lobes of a shot that it needs, as simple as they may be.  [F, N', .].
 
     Args:
         lobes: Continuous in time (lobes.frames.continuous).  [F, N, .]
@@ -93,7 +80,7 @@ def leave_out(lobes: Lobes, budget: Tensor, threads: int = 1) -> Simplified:
             result = chosen(is_round[None], _transported(rounded), result)
     held = held_still(result)
     static, _ = _simplified(result, held, left, flux, threads, taken_by_all=False)
-    return Simplified(with_flux(chosen(static[None], held, result), flux, ~static), needed)
+    return with_flux(chosen(static[None], held, result), flux, ~static)
 
 
 def changes(before: Lobes, after: Lobes, whole: Tensor, threads: int = 1) -> Tensor:

@@ -35,12 +35,12 @@ def simplified(lobes: Lobes, frames: list[int], accuracy: Accuracy | None) -> tu
     threads = threads_there()
     with one_thread():
         if accuracy is None:
-            return leave_out(lobes, torch.full((len(frames),), BUDGET), threads).lobes, BUDGET
+            return leave_out(lobes, torch.full((len(frames),), BUDGET), threads), BUDGET
         share = TOLERANCE_SHARE * accuracy.tolerance
         before = _largest(accuracy, frames, lobes)
         budget = torch.full_like(before, share)
         for _ in range(HALVINGS):
-            found = leave_out(lobes, budget, threads).lobes
+            found = leave_out(lobes, budget, threads)
             after = _largest(accuracy, frames, found)
             lost = (before <= accuracy.limit) & (after > accuracy.limit)
             if not bool(lost.any()):
@@ -48,7 +48,7 @@ def simplified(lobes: Lobes, frames: list[int], accuracy: Accuracy | None) -> tu
             budget = torch.where(lost, budget / 2, budget)
         # the change of a frame bounds that of its error
         room = torch.where(before <= accuracy.limit, accuracy.limit - before, share)
-        return leave_out(lobes, torch.minimum(budget, room), threads).lobes, share
+        return leave_out(lobes, torch.minimum(budget, room), threads), share
 
 
 def _largest(accuracy: Accuracy, frames: list[int], lobes: Lobes) -> torch.Tensor:

@@ -10,7 +10,6 @@ from lobe_cases import lamps
 
 from asglight.errors import InputError
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.simplification import Simplified
 from asglight.images import open_sequence, write_exr
 from asglight.judging.metrics import frame_errors
 from asglight.lobes import Lobes, texels
@@ -205,12 +204,9 @@ def test_on_resume_another_tolerance_is_refused_and_no_search_made_again(
 
 
 def test_simplifying_takes_no_frame_beyond_the_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
-    def dimmed(found: Lobes, budget: torch.Tensor, *_: object) -> Simplified:
+    def dimmed(found: Lobes, budget: torch.Tensor, *_: object) -> Lobes:
         """Change each frame by its budget, for the worse."""
-        amplitude = found.amplitude * (1 - budget.float())[:, None, None]
-        return Simplified(
-            replace(found, amplitude=amplitude), torch.ones(found.count, dtype=torch.bool)
-        )
+        return replace(found, amplitude=found.amplitude * (1 - budget.float())[:, None, None])
 
     monkeypatch.setattr(leaving_out, "leave_out", dimmed)
     scene, accuracy = lamps(*THREE), Accuracy(0.02)
