@@ -166,6 +166,8 @@ def _track(values: Tensor) -> list[Any]:
 def _parsed(path: Path) -> dict[str, Any]:
     try:
         size = path.stat().st_size
+        if not (path.is_file() or path.is_dir()):  # it would be waited for
+            _fail(path, "is a pipe or a device", "a lobe track file")
         text = path.read_bytes() if size <= BYTES_MAX else b""
     except OSError as error:
         finding = error.strerror or type(error).__name__

@@ -43,6 +43,8 @@ def read(path: Path, names: list[str], sizes: Mapping[str, Any]) -> dict[str, fl
         InputError: It cannot be read, is none, or is of other ratios or sizes.
     """
     fix = "Write it anew with --bless."
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise InputError(f"{shown(path)}: is no file; expected a baseline. {fix}")
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -4,12 +4,14 @@
 import shlex
 import sys
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from glob import glob
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from asglight.errors import InputError
+from asglight.images.message import shown
 
 PARTS_FILE = Path(__file__).with_name("parts.toml")
 
@@ -66,11 +68,36 @@ def _by_this_python(words: list[str], root: Path) -> list[str]:
 
 
 def read_parts(path: Path = PARTS_FILE) -> dict[str, Part]:
-    """Read the parts by their names."""
-    parts = tomllib.loads(path.read_text())
-    return {
-        name: Part(name, tuple(entry.pop("commands")), **entry) for name, entry in parts.items()
-    }
+    """Read the parts by their names.
+
+    Raises:
+        InputError: It cannot be read, or is none.
+    """
+    expected = "expected the parts as TOML. Without --parts-file those of the repository are read."
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise InputError(f"{shown(path)}: is no file; {expected}")
+    try:
+        parts = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{shown(path)}: {error.strerror}; {expected}") from error
+    except ValueError as error:
+        raise InputError(f"{shown(path)}: is no TOML; {expected}") from error
+    return {name: _part(path, name, entry) for name, entry in parts.items()}
+
+
+def _part(path: Path, name: str, entry: Any) -> Part:
+    """Return a part as the file has it.
+
+    Raises:
+        InputError: It has no list of commands, or something that no part has.
+    """
+    is_part = isinstance(entry, dict) and isinstance(entry.get("commands"), list)
+    if not is_part or not set(entry) <= {each.name for each in fields(Part)} - {"name"}:
+        raise InputError(
+            f"{shown(path)}: {shown(name)}: is no part; expected commands and what they leave. "
+            "Correct the entry."
+        )
+    return Part(name, tuple(entry.pop("commands")), **entry)
 
 
 def chosen(parts: dict[str, Part], names: list[str]) -> list[Part]:

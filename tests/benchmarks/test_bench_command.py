@@ -5,6 +5,7 @@ import contextlib
 import io
 import json
 import math
+import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ import torch
 from bench_scripts import module
 
 from asglight.cli.main import main as asglight_main
+from asglight.errors import InputError
 from asglight.fitting.options import FitOptions
 from asglight.images import read_latlong
 
@@ -142,6 +144,12 @@ def test_another_baseline_is_refused_before_any_time_is_spent(
     line = capsys.readouterr().err.splitlines()[-1]
     assert said in line
     assert line.endswith("Write it anew with --bless.")
+
+
+def test_a_pipe_is_no_baseline_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.json")
+    with pytest.raises(InputError, match=r"pipe\.json: is no file; expected a baseline\. Write it"):
+        gate.read(tmp_path / "pipe.json", NAMES, SIZES)
 
 
 def test_no_run_at_all_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

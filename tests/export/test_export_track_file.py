@@ -3,6 +3,7 @@
 
 import contextlib
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -211,6 +212,8 @@ def test_no_file_a_folder_and_a_huge_file_are_named(
 ) -> None:
     assert "cannot be read (No such file or directory)" in refused(tmp_path / "none.json")
     assert "cannot be read (Is a directory)" in refused(tmp_path)
+    os.mkfifo(tmp_path / "pipe.json")  # reading it would wait for ever
+    assert "is a pipe or a device; expected a lobe track file" in refused(tmp_path / "pipe.json")
     path = written(tmp_path, moving([1, 2]))
     monkeypatch.setattr(track_file, "BYTES_MAX", 100)
     assert "bytes; expected at most 100" in refused(path)
