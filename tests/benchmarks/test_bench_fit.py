@@ -5,6 +5,7 @@ import contextlib
 import io
 import json
 import math
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ from asglight.images import write_exr
 from asglight.lobes import Lobes
 from asglight.lobes.frames import axes_around
 from asglight.sphere import latlong
+from benchmarks.results.blocks import blocks, tables
 
 fit = module("fits.__main__")
 fit_following = module("fits.following")
@@ -243,6 +245,20 @@ def test_races_compare_times_to_the_same_error() -> None:
     assert races["back"]["paper_seconds"] == pytest.approx(20 + 20 * 0.2 / 0.25)
     # 0.2525: a hundredth of the way back from 0.25 to 0.5
     assert races["near"]["paper_seconds"] == pytest.approx(39.8)
+
+
+def test_races_are_printed_as_the_page_of_results_has_them() -> None:
+    """The page is made by the command: same head, same rows, same words, other numbers."""
+    race = {"level": 0.5, "paper_seconds": 1560.0, "seconds": 0.5, "times_faster": 3120.0}
+    races = dict.fromkeys(("loss", "irr", "r0.25"), race)
+    races |= dict.fromkeys(("near", "back"), race | {"paper_seconds": 136.0, "times_faster": 272.0})
+    curve = {"paper_steps": 24_000, "races": {"fast": races, "best": races}}
+    (shown,) = tables(fit_tables.curves_table({"lobby": curve}))
+    page = (Path(__file__).resolve().parents[2] / "docs" / "results" / "fits.md").read_text()
+    (block,) = (block for block in blocks(page) if block.name == "paper.3")
+    (written,) = tables(block.content)
+    one, other = (re.sub(r"\d[\d.,]*", "#", text) for text in (shown, written))
+    assert one == other
 
 
 def test_a_paused_clock_stands_still() -> None:
