@@ -40,6 +40,10 @@ ALBEDO_NODES = 129
 of a ball. Between them it is within 5e-4 above n.v = 0.06 (tests/arrays/test_arrays_light.py)."""
 
 
+ROWS_MAX = 16384
+"""Of a latlong and of a ball's picture: those of the largest image that is read (decode.py)."""
+
+
 def radiance(light: Light, directions: Any, time: Time = None) -> Tensor:
     """Return the radiance that comes from directions.
 
@@ -105,8 +109,8 @@ def latlong(light: Light, height: int = 256, time: Time = None) -> Tensor:
         InputError: There are no such rows, or the time is missing or none.
     """
     check_whole("height", height)
-    if height < 1:
-        raise InputError(f"height: {height} rows; expected 1 or more.")
+    if not 1 <= height <= ROWS_MAX:
+        raise InputError(f"height: {height} rows; expected 1 or more, at most {ROWS_MAX}.")
     return _of_each(light, time, lambda lobes: texel_means(lobes, height, 2 * height))
 
 
@@ -149,8 +153,8 @@ def balls(
             f"roughness: {bad[0]:g}; expected {ROUGHNESS_MIN:g} to 1, or None for a matte ball."
         )
     check_whole("size", size)
-    if size < 1:
-        raise InputError(f"size: {size}; expected 1 pixel or more.")
+    if not 1 <= size <= ROWS_MAX:
+        raise InputError(f"size: {size}; expected 1 pixel or more, at most {ROWS_MAX}.")
     return _of_each(light, time, lambda lobes: _balls(lobes, roughness, size))
 
 

@@ -237,6 +237,11 @@ def test_radiance_is_differentiable_to_the_directions() -> None:
         (lambda: asglight.latlong(SHOT, 8, float("nan")), "time: nan; expected numbers"),
         (lambda: asglight.latlong(SHOT, 8, []), r"time: \[\]; expected numbers"),
         (lambda: asglight.latlong(SHOT, 0, 1001), "height: 0 rows; expected 1 or more"),
+        (
+            lambda: asglight.latlong(SHOT, 10**12, 1001),
+            "height: 1000000000000 rows; .* at most 16384",
+        ),
+        (lambda: asglight.balls(SHOT, 1001, size=10**12), "size: 1000000000000; .* at most 16384"),
         (lambda: asglight.latlong(SHOT.lobes, 8), r"time: None of lobes of shape \[4\.*"),
         (lambda: asglight.latlong(SHOT.at(1001), 8, 1001), "time: 1001 of lobes of shape"),
         (lambda: asglight.balls(SHOT, 1001, size=0), "size: 0; expected 1 pixel or more"),
