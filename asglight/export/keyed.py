@@ -5,6 +5,8 @@ The irradiance of the rest is a polynomial of the normal (x, y, z),
 
     c0 + c1 y + c2 z + c3 x + c4 x y + c5 y z + c6 (3 z^2 - 1) + c7 x z + c8 (x^2 - y^2),
 
+and 0 where that is negative (shaders/export/rest.glsl),
+
 all factors of the harmonics and of Lambert's cosine in its coefficients [Ramamoorthi and Hanrahan
 2001, "An Efficient Representation for Irradiance Environment Maps", equation 7 and section 3.1]:
 with A_l that of the cosine and N_k that of the harmonic, c_k = A_l N_k^2 times the integral of the

@@ -62,7 +62,7 @@ KEYED_CONVENTION = (
     "one a frame, +Y up, the rest, in the linear space that their chromaticities state, Rec.709 "
     "where they state none; all numbers here are Rec.709. irradiance_sh: of the rest on a normal "
     "(x, y, z), c0 + c1 y + c2 z + c3 x + c4 x y + c5 y z + c6 (3 z^2 - 1) + c7 x z "
-    "+ c8 (x^2 - y^2)."
+    "+ c8 (x^2 - y^2), and 0 where that is negative."
 )
 
 

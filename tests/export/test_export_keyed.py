@@ -117,6 +117,17 @@ def test_the_file_says_which_space_the_images_of_the_rest_are_in(tmp_path: Path)
     assert "linear space that their chromaticities state" in document["keyed_convention"]
 
 
+def test_the_file_says_that_no_surface_has_less_than_no_light(stage: Path) -> None:
+    """Nine coefficients of a rest with one bright side are below zero beside the other."""
+    side = torch.zeros(32, 64, 3)
+    side[14:18, 30:34] = 1.0
+    shown = polynomials(latlong.directions(32, 64, dtype=torch.float64)) @ irradiance_terms(side)
+    assert float(shown.min()) < -0.02 * float(shown.max())
+    assert main(["export", str(stage), "--to", "json", "-o", "a.json"]) == 0
+    convention = json.loads(Path("a.json").read_text())["keyed_convention"]
+    assert convention.endswith("+ c8 (x^2 - y^2), and 0 where that is negative.")
+
+
 def test_keys_and_rest_light_a_matte_surface_as_the_image_does(stage: Path) -> None:
     truth = read_latlong(stage.parent / f"sky.{FRAMES[0]}.exr").radiance
     assert main(["export", str(stage), "--to", "json", "--frame", "1001", "-o", "a.json"]) == 0
