@@ -62,7 +62,14 @@ def fit_frame(
             form = options.form
             if form is None and options.preset is Preset.LIVE:
                 form = Form.ASG
-            fit = fit_first_frame(reference, options.count, form, settings.afresh, threads=threads)
+            fit = fit_first_frame(
+                reference,
+                options.count,
+                form,
+                settings.afresh,
+                threads=threads,
+                in_shot=options.has_spare_tracks,
+            )
             fit = replace(fit, lobes=canonical(fit.lobes))
             if options.has_spare_tracks:
                 fit = replace(fit, lobes=slots.with_spare_tracks(fit.lobes))

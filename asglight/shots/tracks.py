@@ -19,9 +19,8 @@ from asglight.images.account import read_as
 from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
-from asglight.lobes.identity.main_tracks import kept_on_lamps
 from asglight.lobes.identity.naming import by_energy
-from asglight.lobes.identity.parting import held, parted
+from asglight.lobes.identity.paths import on_their_paths
 from asglight.shots.kept.records import FrameRecord, own_frames, places_of
 from asglight.shots.leaving_out import account, simplified
 from asglight.shots.settings import options_as_json
@@ -73,7 +72,7 @@ def tracks_of(
     numbers = [record.frame for record in own]
     lobes, budget = stack([record.lobes for record in own]), None  # [F', N, .]
     as_published = options.preset is Preset.PAPER
-    lobes = carried_on(lobes) if as_published else held(carried_on(parted(kept_on_lamps(lobes))))
+    lobes = carried_on(lobes) if as_published else on_their_paths(lobes)
     fitted, lit = options.lobes_of(lobes.count), lit_lobes(lobes)
     lobes = lobes.select(lit)
     if not as_published:

@@ -198,19 +198,21 @@ def fit_first_frame(
     settings: FirstFrameSettings = FAST,
     on_step: newton.OnStep | None = None,
     threads: int = 1,
+    *,
+    in_shot: bool = False,
 ) -> FrameFit:
     """Fit lobes to a map from nothing.
 
     Args:
         reference: Repaired radiance.  [H, 2 H, 3]
         count: N.
-        form: Lobe function; None for asg, or flat or sg where that shows the map better
-            (other_forms.py).
+        form: Lobe function; None for asg, or what shows the map better (other_forms.py).
         settings: How much is spent.
         on_step: Called after each step of the first start, and each round of splits of it that is
-            kept, with lobes in units of the map's mean radiance, perhaps on another thread.
-            [1, N, .]
+            kept, perhaps on another thread, with lobes in mean radiances of the map.  [1, N, .]
         threads: Starts followed at once; the fit does not depend on it.
+        in_shot: Its light is that of its last steps, as in frames that follow: steps from exact
+            means over texels, which theirs do not see, end with 5 % more irr.
     """
     frame = exposed(reference)
     first = form or Form.ASG
@@ -256,7 +258,7 @@ def fit_first_frame(
     if form is None:
         promising = other_forms.promising(best.found.lobes, seed(Form.SG, None), whole, width_min)
         best = other_forms.best_of(best, map(fitted, promising))
-    lit = light.last_by_texel_means(best.lit, last)
+    lit = best.lit if in_shot else light.last_by_texel_means(best.lit, last)
     return with_flux_of(lit.lobes[0], frame, float(best.found.value))
 
 

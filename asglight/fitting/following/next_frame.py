@@ -135,7 +135,9 @@ def fit_next_frame(
         return FrameFit(_scaled(previous, 0.0), 0.0, 0.0)
     free = slots.free_tracks(previous, earlier)
     if float(previous.amplitude.max()) <= 0:
-        fresh = fit_first_frame(reference, count, previous.form, settings.afresh, threads=threads)
+        fresh = fit_first_frame(
+            reference, count, previous.form, settings.afresh, threads=threads, in_shot=True
+        )
         return _in_own_tracks(fresh, [-1] * fresh.lobes.count, previous, previous, free)
     whole = objective.target(frame.radiance)
     coarse = objective.trial_target(frame.radiance, settings.whole[0].corners)
@@ -164,7 +166,9 @@ def fit_next_frame(
     outcome = stepped(outcome, whole, levels, temporal.prior(outcome.lobes), width_min)
     loss = float(outcome.value)
     if loss > settings.afresh_loss and unlike > CHANGED * loss:
-        from_nothing = partial(fit_first_frame, reference, count, previous.form, threads=threads)
+        from_nothing = partial(
+            fit_first_frame, reference, count, previous.form, threads=threads, in_shot=True
+        )
         fresh = _if_better(from_nothing, settings.afresh, AFRESH_GAIN * loss)
         if fresh is not None:
             return _in_own_tracks(fresh, [-1] * fresh.lobes.count, before, previous, free)

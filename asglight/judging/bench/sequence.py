@@ -25,8 +25,7 @@ from asglight.judging.following import jumps, matched, refined
 from asglight.judging.metrics import FrameErrors, maps_errors, sequence_errors
 from asglight.lobes import Lobes, texels
 from asglight.lobes.data import stack
-from asglight.lobes.fading import carried_on
-from asglight.lobes.identity.main_tracks import kept_on_lamps
+from asglight.lobes.identity.paths import on_their_paths
 from asglight.peers.approximation import LobeSum
 from asglight.threads import one_thread
 
@@ -85,7 +84,7 @@ def _fits(
             lobes, seconds = fit_frames(frames, FitOptions(plan.lobes, preset))
             if again:
                 lobes, seconds = refined(references, lobes, seconds, preset)
-            shot = carried_on(kept_on_lamps(stack(lobes)))
+            shot = on_their_paths(stack(lobes))
             return [shot[k] for k in range(len(lobes))], seconds
 
         return fit

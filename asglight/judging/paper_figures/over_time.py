@@ -23,8 +23,7 @@ from asglight.judging.paper_figures.data import Plan, coarsened
 from asglight.judging.pictures.display import exposure_stops
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
-from asglight.lobes.fading import carried_on
-from asglight.lobes.identity.main_tracks import kept_on_lamps
+from asglight.lobes.identity.paths import on_their_paths
 from asglight.luminance import luminance
 from asglight.shading import kernels
 from asglight.sphere import latlong
@@ -174,7 +173,7 @@ def _our_way(
     lobes, points = fit_frames(references, FitOptions(plan.lobes))
     if len(lobes) > 1:
         lobes, points = refined(shot, lobes, points)
-    tracks = carried_on(kept_on_lamps(stack(lobes)))
+    tracks = on_their_paths(stack(lobes))
     seconds = sum(point["cpu_seconds"] for point in points) / len(points)
     return [tracks[index] for index in range(len(lobes))], 0, seconds
 

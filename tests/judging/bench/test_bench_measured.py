@@ -131,7 +131,7 @@ def test_a_sequence_is_followed_by_every_preset(record: dict[str, Any]) -> None:
     frames = [lit_map(turned) for turned in range(3)]
     previous, earlier, judged = None, None, []
     for index, frame in enumerate(frames):
-        fit = fit_frame(frame, FitOptions(LOBES, Preset.LIVE), previous, earlier)
+        fit = fit_frame(frame, FitOptions(LOBES, Preset.LIVE, moving=True), previous, earlier)
         judged.append((index, frame_errors(fit.lobes, frame)))
         previous, earlier = fit.lobes, previous
     wanted = sequence_errors(judged).mean
