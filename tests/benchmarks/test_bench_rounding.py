@@ -16,6 +16,7 @@ from bench_scripts import float32_here, module
 from elsewhere import DEVICE, watched
 from lobe_cases import KNOWN, sky_and_sun
 
+from asglight.errors import InputError
 from asglight.images import write_exr
 from asglight.lobes import Form, texels
 from asglight.sky import SkyConfig, radiance
@@ -197,7 +198,7 @@ def test_every_part_of_a_fit_is_found_and_counted(tmp_path: Path) -> None:
     assert found[clean_scene.OTHER][1] > 0
     with pytest.raises(LookupError):
         clean_scene.owner_of("nowhere.at_all")
-    with pytest.raises(RuntimeError, match="ended with 2"):
+    with pytest.raises(InputError, match="is not there"):
         clean_scene.taken([str(tmp_path / "none.exr")])
 
 
