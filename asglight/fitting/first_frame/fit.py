@@ -211,8 +211,8 @@ def fit_first_frame(
         on_step: Called after each step of the first start, and each round of splits of it that is
             kept, perhaps on another thread, with lobes in mean radiances of the map.  [1, N, .]
         threads: Starts followed at once; the fit does not depend on it.
-        in_shot: Its light is that of its last steps, as in frames that follow: steps from exact
-            means over texels, which theirs do not see, end with 5 % more irr.
+        in_shot: Its light is what its last steps see, not exact means over texels: those of the
+            frame that follows begin with it, and see what these do.
     """
     frame = exposed(reference)
     first = form or Form.ASG
