@@ -25,10 +25,10 @@ from asglight.sphere.quadrature import fibonacci_directions
 TURN = math.radians(10)
 """Of a lobe that may part. By less, turning and fading look the same."""
 
-STRAY = 0.25
+STRAY = 0.3
 """Share of half the change of irradiance by which it may stray in the middle. Of lamps that pass in
-`tunnel`, and of a camera that pans by 10 to 30 degrees a frame, it is at most 0.21; where lobes of
-`handheld` were given other places, 0.3 to 1."""
+every second frame of `tunnel`, and of a camera that pans by 10 to 30 degrees a frame, it is at most
+0.25; where lobes of `handheld` were given other places, 0.33 to 1."""
 
 ALONE = 1.25
 """Of what the turning lobes stray, each in its own change. A lamp alone that turns by 60 degrees
@@ -57,7 +57,7 @@ class _Pair:
         stray: By how much each turn makes irradiance stray in the middle.  [K, D]
         change: Half of what each changes it by.  [K, D]
         total: Half of what all lobes change it by, in the mean over normals.
-        most: How much it may stray.
+        unseen: How much it may stray whatever moves.
     """
 
     frame: int
@@ -65,12 +65,18 @@ class _Pair:
     stray: Tensor
     change: Tensor
     total: Tensor
-    most: Tensor
+    unseen: Tensor
 
     @property
     def moved(self) -> Tensor:
         """How much it strays if these lobes are all that moves."""
-        return self.total * self.stray.abs().sum() / self.change.abs().sum()
+        alone = self.total * self.stray.abs().sum() / self.change.abs().sum()
+        return torch.maximum(alone, self.unseen)
+
+    @property
+    def most(self) -> Tensor:
+        """How much it may stray."""
+        return torch.maximum(STRAY * self.total, self.unseen)
 
 
 def parted(lobes: Lobes) -> Lobes:
@@ -87,7 +93,8 @@ def parted(lobes: Lobes) -> Lobes:
     order = torch.arange(lobes.count).repeat(len(lobes.axes), 1)
     lit = ~motion.is_black(lobes)
     for pair in _pairs(lobes, lit[1:] & lit[:-1]):
-        for lobe in _straying(pair, torch.maximum(pair.most, ALONE * pair.moved)):
+        most = torch.maximum(pair.most, ALONE * pair.moved)
+        for lobe in _straying(pair, most, enough=pair.moved):
             track = int((order[pair.frame + 1] == lobe).nonzero())
             free = _free_track(lobes, lit, order, pair.frame, lobe)
             if free is not None:
@@ -111,7 +118,7 @@ def held(lobes: Lobes) -> Lobes:
     fades[1:] &= ~alone
     fades[:-1] &= ~alone
     for pair in _pairs(lobes, fades):
-        for lobe in _straying(pair, pair.most):
+        for lobe in _straying(pair, pair.most, enough=pair.most):
             first, last = pair.frame, pair.frame + 1
             dark, shines = (last, first) if lit[first, lobe] else (first, last)
             axes[dark, lobe] = axes[shines, lobe]
@@ -132,7 +139,7 @@ def _pairs(lobes: Lobes, marks: Tensor) -> Iterator[_Pair]:
         seen = _irradiance(motion.exact(lobes[numbers]))
         before, after = (seen[torch.searchsorted(numbers, some + step)] for step in (0, 1))
         total = ((after - before).sum(1) / 2).abs().mean(-1)
-        most = torch.maximum(STRAY * total, UNSEEN * (after + before).sum(1).mean(-1) / 2)
+        unseen = UNSEEN * (after + before).sum(1).mean(-1) / 2
         place, lobe = torch.nonzero(turns[some], as_tuple=True)
         first, last = (motion.exact(lobes[some[place] + step, lobe]) for step in (0, 1))
         middle = motion.between(first, frames.align(last, first), torch.tensor(0.5))
@@ -141,19 +148,22 @@ def _pairs(lobes: Lobes, marks: Tensor) -> Iterator[_Pair]:
         for index, frame in enumerate(some.tolist()):
             own = place == index
             yield _Pair(
-                frame, lobe[own].tolist(), stray[own], change[own], total[index], most[index]
+                frame, lobe[own].tolist(), stray[own], change[own], total[index], unseen[index]
             )
 
 
-def _straying(pair: _Pair, most: Tensor) -> Iterator[int]:
-    """Yield lobes, the worst first, while irradiance strays and strays less without their turn.
+def _straying(pair: _Pair, most: Tensor, enough: Tensor) -> Iterator[int]:
+    """Yield lobes, the worst first, as long as irradiance strays less without their turn.
 
     Args:
         pair: What two frames show.
         most: How much it may stray.
+        enough: How much it is to stray in the end, if it strays by more than that.
     """
     stray, left = pair.stray.sum(0), list(range(len(pair.lobes)))
-    while left and stray.abs().mean() > most:
+    if stray.abs().mean() <= most:
+        return
+    while left and stray.abs().mean() > enough:
         without = (stray - pair.stray[left]).abs().mean(-1)
         best = int(without.argmin())
         if float(without[best]) >= float(stray.abs().mean()):
