@@ -20,7 +20,7 @@ from asglight.lobes import Lobes, LobeTracks
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
 from asglight.lobes.identity.naming import by_energy
-from asglight.lobes.identity.paths import on_their_paths
+from asglight.lobes.identity.tracks import as_tracks
 from asglight.shots.kept.records import FrameRecord, own_frames, places_of
 from asglight.shots.leaving_out import account, simplified
 from asglight.shots.settings import options_as_json
@@ -72,7 +72,7 @@ def tracks_of(
     numbers = [record.frame for record in own]
     lobes, budget = stack([record.lobes for record in own]), None  # [F', N, .]
     as_published = options.preset is Preset.PAPER
-    lobes = carried_on(lobes) if as_published else on_their_paths(lobes)
+    lobes = carried_on(lobes) if as_published else as_tracks(lobes)
     fitted, lit = options.lobes_of(lobes.count), lit_lobes(lobes)
     lobes = lobes.select(lit)
     if not as_published:

@@ -27,7 +27,7 @@ from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.judging.following import follow, matched, refined
 from asglight.lobes import Lobes
 from asglight.lobes.data import stack
-from asglight.lobes.identity.paths import on_their_paths
+from asglight.lobes.identity.tracks import as_tracks
 from benchmarks.given import add_sequence, frames_given
 
 PRESETS = (Preset.LIVE, Preset.FAST, Preset.BEST)
@@ -101,7 +101,7 @@ def measured(maps: list[Tensor], options: FitOptions, *, fresh: bool = False) ->
     else:
         if options.preset is not Preset.LIVE:
             found, seconds = refined(maps, found, seconds, options.preset)
-        shot = on_their_paths(stack(found))  # as it is written
+        shot = as_tracks(stack(found))  # as it is written
         lobes = [shot[frame] for frame in range(len(maps))]
     truth = [measures.shown(each) for each in maps]
     errors = [measures.errors(*pair) for pair in zip(lobes, truth, strict=True)]

@@ -211,8 +211,8 @@ def fit_first_frame(
         on_step: Called after each step of the first start, and each round of splits of it that is
             kept, perhaps on another thread, with lobes in mean radiances of the map.  [1, N, .]
         threads: Starts followed at once; the fit does not depend on it.
-        in_shot: Its light is what its last steps see, not exact means over texels: those of the
-            frame that follows begin with it, and see what these do.
+        in_shot: Whether frames follow: its light is then solved as theirs is, on adaptive cells. A
+            still's is solved once more, by exact means over texels.
     """
     frame = exposed(reference)
     first = form or Form.ASG

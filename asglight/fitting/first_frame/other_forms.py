@@ -2,10 +2,10 @@
 """Whether lobes of another form show a map better than asg lobes.
 
 Soft boxes, windows and ceiling lamps have a top and an edge, as flat lobes have. And an asg lobe
-ends at its hemisphere: light from all around takes several of them, and one sg lobe. A trial tells
-in a twentieth of the time of a first frame: the asg fit's lobes become others of the same flux and
-variances, and both take some steps. Only where J falls are lobes of the other form fitted from the
-start, and only where J ends lower are they kept (docs/method/fewer-lobes.md).
+ends at its hemisphere: light from all around takes several of them, and one sg lobe. A trial of
+a few steps tells: the asg fit's lobes become others of the same flux and variances, and both take
+them. Only where J falls are lobes of the other form fitted from the start, and only where J ends
+lower are they kept (docs/method/fewer-lobes.md).
 """
 
 from collections.abc import Iterable, Iterator

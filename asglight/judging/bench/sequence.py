@@ -25,7 +25,7 @@ from asglight.judging.following import jumps, matched, refined
 from asglight.judging.metrics import FrameErrors, maps_errors, sequence_errors
 from asglight.lobes import Lobes, texels
 from asglight.lobes.data import stack
-from asglight.lobes.identity.paths import on_their_paths
+from asglight.lobes.identity.tracks import as_tracks
 from asglight.peers.approximation import LobeSum
 from asglight.threads import one_thread
 
@@ -84,7 +84,7 @@ def _fits(
             lobes, seconds = fit_frames(frames, FitOptions(plan.lobes, preset))
             if again:
                 lobes, seconds = refined(references, lobes, seconds, preset)
-            shot = on_their_paths(stack(lobes))
+            shot = as_tracks(stack(lobes))
             return [shot[k] for k in range(len(lobes))], seconds
 
         return fit

@@ -23,7 +23,7 @@ from asglight.judging.paper_figures.data import Plan, coarsened
 from asglight.judging.pictures.display import exposure_stops
 from asglight.lobes import Form, Lobes, texels
 from asglight.lobes.data import stack
-from asglight.lobes.identity.paths import on_their_paths
+from asglight.lobes.identity.tracks import as_tracks
 from asglight.luminance import luminance
 from asglight.shading import kernels
 from asglight.sphere import latlong
@@ -173,7 +173,7 @@ def _our_way(
     lobes, points = fit_frames(references, FitOptions(plan.lobes))
     if len(lobes) > 1:
         lobes, points = refined(shot, lobes, points)
-    tracks = on_their_paths(stack(lobes))
+    tracks = as_tracks(stack(lobes))
     seconds = sum(point["cpu_seconds"] for point in points) / len(points)
     return [tracks[index] for index in range(len(lobes))], 0, seconds
 

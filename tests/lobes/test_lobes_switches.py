@@ -13,7 +13,7 @@ from asglight.lobes import Form, Lobes, LobeTracks, asg, motion
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
 from asglight.lobes.frames import axes_around
-from asglight.lobes.identity.parting import held, parted
+from asglight.lobes.identity.switches import fading_in_place, switches_apart
 
 BROAD, LAMP = 3.0, 2000.0
 """Sharpness: sigmas of 23 and 0.9 degrees."""
@@ -76,7 +76,7 @@ def swapped(spare: int) -> Lobes:
 
 def test_broad_lobes_that_change_places_fade_instead() -> None:
     given = swapped(2)
-    found = parted(given)
+    found = switches_apart(given)
     assert stray(given, 1) > 0.1
     assert stray(found, 1) < 1e-3
     lit = (found.amplitude > 0).any(-1)
@@ -86,7 +86,7 @@ def test_broad_lobes_that_change_places_fade_instead() -> None:
 @pytest.mark.parametrize("form", list(Form))
 def test_the_light_of_every_frame_stays_as_it_is(form: Form) -> None:
     given = replace(swapped(2), form=form)
-    found = parted(given)
+    found = switches_apart(given)
     assert not is_same(found, given)
     for frame in range(4):
         torch.testing.assert_close(irradiance(found[frame]), irradiance(given[frame]))
@@ -94,12 +94,12 @@ def test_the_light_of_every_frame_stays_as_it_is(form: Form) -> None:
 
 def test_with_one_track_free_one_of_them_parts() -> None:
     given = swapped(1)
-    assert stray(parted(given), 1) < stray(given, 1) / 2 + 1e-3
+    assert stray(switches_apart(given), 1) < stray(given, 1) / 2 + 1e-3
 
 
 def test_without_a_free_track_lobes_stay_in_theirs() -> None:
     given = swapped(0)
-    assert is_same(parted(given), given)
+    assert is_same(switches_apart(given), given)
 
 
 @pytest.mark.parametrize("when", [0, 3])
@@ -108,13 +108,13 @@ def test_a_track_that_is_lit_a_frame_before_or_after_is_not_free(when: int) -> N
     amplitude = given.amplitude.clone()
     amplitude[when, 2] = 0.01
     given = replace(given, amplitude=amplitude)
-    assert is_same(parted(given), given)
+    assert is_same(switches_apart(given), given)
 
 
 def test_the_free_track_whose_light_was_as_wide_takes_it() -> None:
     places = [[0, 70, 180, 180]] * 2 + [[70, 0, 180, 180]] * 2
     given = shot(places, [[0.5, 0.5, 0, 0]] * 4, [BROAD, BROAD, LAMP, 1.1 * BROAD])
-    found = parted(given)
+    found = switches_apart(given)
     assert (found.amplitude[-1] > 0).any(-1).tolist() == [False, False, True, True]
     # the one that strays most is the first to part
 
@@ -123,7 +123,7 @@ def test_the_free_track_whose_light_was_as_wide_takes_it() -> None:
 def test_a_lamp_that_passes_turns(degrees: float) -> None:
     places = [[step * degrees, 180, 0] for step in range(3)]
     given = shot(places, [[1, 1, 0]] * 3, [LAMP, BROAD, BROAD])
-    assert is_same(parted(given), given)
+    assert is_same(switches_apart(given), given)
 
 
 @pytest.mark.parametrize("degrees", [11, 30, 60])
@@ -132,20 +132,20 @@ def test_lobes_of_a_camera_that_pans_turn(degrees: float) -> None:
     places = [[*(start + step * degrees).tolist(), 0, 0] for step in range(3)]
     light = [[1, 0.3, 0.5, 1, 2, 0, 0]] * 3
     given = shot(places, light, [LAMP, BROAD, 10.0, BROAD, 0.5, BROAD, BROAD])
-    assert is_same(parted(given), given)
+    assert is_same(switches_apart(given), given)
 
 
 def test_a_shot_that_is_black_stays_as_it_is() -> None:
     given = shot([[0, 90], [60, 90]], [[0, 0]] * 2, [BROAD] * 2)
-    assert is_same(parted(given), given)
-    assert is_same(held(given), given)
+    assert is_same(switches_apart(given), given)
+    assert is_same(fading_in_place(given), given)
 
 
 def test_a_lamp_that_is_switched_on_does_not_come_from_elsewhere() -> None:
     """Its dark frames were carried on with a lobe that turned."""
     places = [[80, 180], [80, 180], [0, 180], [0, 180]]
     given = shot(places, [[0, 1], [0, 1], [0.3, 1], [0.3, 1]], [LAMP, BROAD])
-    found = held(given)
+    found = fading_in_place(given)
     torch.testing.assert_close(found.axes[1, 0], given.axes[2, 0])
     torch.testing.assert_close(found.axes[0], given.axes[0])
 
@@ -153,10 +153,10 @@ def test_a_lamp_that_is_switched_on_does_not_come_from_elsewhere() -> None:
 def test_the_end_of_a_path_moves_on_with_the_lamp_that_it_was_part_of() -> None:
     places = [[0, 2], [15, 17], [30, 32], [45, 45]]
     given = shot(places, [[1, 1], [1, 1], [1, 0], [1, 0]], [LAMP, LAMP])
-    assert is_same(held(given), given)
+    assert is_same(fading_in_place(given), given)
 
 
 def test_a_frame_in_the_dark_alone_stays_on_the_path_that_it_ends() -> None:
     places = [[0, 180], [60, 180], [60, 180]]
     given = shot(places, [[1, 1], [0, 1], [1, 1]], [LAMP, BROAD])
-    assert is_same(held(given), given)
+    assert is_same(fading_in_place(given), given)

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lobes that are given another place: one light fades where it was, another where it is.
+"""Identity switches: a track whose lobe is given another place, though no light moved.
 
-Now and then the lobes of a sky share its light out anew. One that turns by tens of degrees, while
-others fill the place that it left, has not moved, but its track would sweep over the sphere between
-the frames. Irradiance tells: it is a mean over half of the sphere, and where light moves it changes
-almost evenly from frame to frame. Where it would stray from that, lobes part from their tracks:
-first the one without whose turn it strays least. Their later frames go to tracks that are free.
+Now and then the lobes of a sky share its light out anew. One turns by tens of degrees, and others
+fill the place that it left. Between the frames its track would sweep over the sphere.
+
+Irradiance tells such a switch from light that moves. It is a mean over half of the sphere, so where
+light moves it changes almost evenly from frame to frame. Where it would stray from an even change
+half-way, the later frames of a lobe go to a free track: one light fades where it was, another where
+it is. The lobe whose turn makes irradiance stray most is the first.
 
 Symbols: G pairs of frames, K lobes, P directions, D normals.
 """
@@ -22,20 +24,31 @@ from asglight.lobes import asg, frames, motion
 from asglight.lobes.data import Lobes
 from asglight.sphere.quadrature import fibonacci_directions
 
-TURN = math.radians(10)
-"""Of a lobe that may part. By less, turning and fading look the same."""
 
-STRAY = 0.3
-"""Share of half the change of irradiance by which it may stray in the middle. Of lamps that pass in
-every second frame of `tunnel`, and of a camera that pans by 10 to 30 degrees a frame, it is at most
-0.25; where lobes of `handheld` were given other places, 0.33 to 1."""
+@dataclass(frozen=True)
+class SwitchSettings:
+    """What is told from light that moves (docs/experiments/2026-11-29-identity-switches.md).
 
-ALONE = 1.25
-"""Of what the turning lobes stray, each in its own change. A lamp alone that turns by 60 degrees
-strays by 0.45, as all lobes do where a camera pans by as much, and turns still."""
+    Attributes:
+        turn: Radians by which a lobe turns that may be another light. By less, turning and fading
+            look the same.
+        stray: Share of half the change of irradiance by which it may stray half-way. Of lamps that
+            pass in every second frame of `tunnel`, and of cameras that pan by 10 to 30 degrees a
+            frame, it is at most 0.25; of switches in `handheld`, 0.33 to 1.
+        alone: How much more it may stray than by what each lobe strays in its own change. A lamp
+            alone that turns by 60 degrees strays by 0.45, and so do all lobes of a camera that pans
+            by as much.
+        unseen: Share of the mean irradiance by which it may stray whatever moves: what fits of
+            single frames are off by.
+    """
 
-UNSEEN = 5e-4
-"""Of the mean irradiance: what the fits of single frames are off by."""
+    turn: float = math.radians(10)
+    stray: float = 0.3
+    alone: float = 1.25
+    unseen: float = 5e-4
+
+
+SETTINGS = SwitchSettings()
 
 WIDTH = math.radians(10)
 """Lobes are seen with at least this sigma, about the spacing of the directions. Irradiance shows
@@ -53,7 +66,7 @@ class _Pair:
 
     Attributes:
         frame: The first of them.
-        lobes: Those that may part.  K
+        lobes: Those that turn.  K
         stray: By how much each turn makes irradiance stray in the middle.  [K, D]
         change: Half of what each changes it by.  [K, D]
         total: Half of what all lobes change it by, in the mean over normals.
@@ -76,13 +89,13 @@ class _Pair:
     @property
     def most(self) -> Tensor:
         """How much it may stray."""
-        return torch.maximum(STRAY * self.total, self.unseen)
+        return torch.maximum(SETTINGS.stray * self.total, self.unseen)
 
 
-def parted(lobes: Lobes) -> Lobes:
-    """Let lobes that were given another place have a track of their own from there on.
+def switches_apart(lobes: Lobes) -> Lobes:
+    """Let a lobe that was given another place go on in a track that is free.
 
-    A lobe stays in its track where no track is free: dark in two frames before and after.
+    Where no track is dark in two frames before and after, it stays in its own.
 
     Args:
         lobes: A shot.  [F, N, .]
@@ -93,7 +106,7 @@ def parted(lobes: Lobes) -> Lobes:
     order = torch.arange(lobes.count).repeat(len(lobes.axes), 1)
     lit = ~motion.is_black(lobes)
     for pair in _pairs(lobes, lit[1:] & lit[:-1]):
-        most = torch.maximum(pair.most, ALONE * pair.moved)
+        most = torch.maximum(pair.most, SETTINGS.alone * pair.moved)
         for lobe in _straying(pair, most, enough=pair.moved):
             track = int((order[pair.frame + 1] == lobe).nonzero())
             free = _free_track(lobes, lit, order, pair.frame, lobe)
@@ -102,8 +115,8 @@ def parted(lobes: Lobes) -> Lobes:
     return lobes[torch.arange(len(order))[:, None], order]
 
 
-def held(lobes: Lobes) -> Lobes:
-    """Let lobes fade where they are whose path is carried on to where no light goes.
+def fading_in_place(lobes: Lobes) -> Lobes:
+    """Let a lobe fade where it is, if its path is carried on to where no light goes.
 
     Args:
         lobes: A shot, `fading.carried_on`.  [F, N, .]
@@ -133,13 +146,13 @@ def _pairs(lobes: Lobes, marks: Tensor) -> Iterator[_Pair]:
         marks: Lobes from one frame to the next.  [F - 1, N]
     """
     angle = (lobes.axis_z[1:] * lobes.axis_z[:-1]).sum(-1).clamp(-1, 1).acos()
-    turns = marks & (angle > TURN)
+    turns = marks & (angle > SETTINGS.turn)
     for some in torch.nonzero(turns.any(-1)).flatten().split(AT_ONCE):
         numbers = torch.cat([some, some + 1]).unique()
         seen = _irradiance(motion.exact(lobes[numbers]))
         before, after = (seen[torch.searchsorted(numbers, some + step)] for step in (0, 1))
         total = ((after - before).sum(1) / 2).abs().mean(-1)
-        unseen = UNSEEN * (after + before).sum(1).mean(-1) / 2
+        unseen = SETTINGS.unseen * (after + before).sum(1).mean(-1) / 2
         place, lobe = torch.nonzero(turns[some], as_tuple=True)
         first, last = (motion.exact(lobes[some[place] + step, lobe]) for step in (0, 1))
         middle = motion.between(first, frames.align(last, first), torch.tensor(0.5))
