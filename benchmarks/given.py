@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What scripts measure: every map of a folder, `--maps`, or the frames of a sequence."""
+"""What scripts are given: every map of a folder, `--maps`, the frames of a sequence, files."""
 
 import argparse
 import contextlib
@@ -118,3 +118,23 @@ def frames_given(parser: argparse.ArgumentParser, options: argparse.Namespace) -
     if len(maps) < 2:
         parser.error(f"{options.sequence}: {len(maps)} frame; expected two or more to follow")
     return maps
+
+
+def read_text(path: Path, expected: str) -> str:
+    """Read a text file that is given.
+
+    Args:
+        path: The file.
+        expected: What it is to be, and how it comes to be that, in a message.
+
+    Raises:
+        InputError: It is no file, or cannot be read.
+    """
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise InputError(f"{shown(path)}: is no file; expected {expected}")
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{shown(path)}: {error.strerror}; expected {expected}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{shown(path)}: is no text; expected {expected}") from error

@@ -19,7 +19,6 @@ from torch import Tensor
 
 from asglight.arrays.radiance import FLOATS, plain
 from asglight.errors import InputError, check_number, check_whole
-from asglight.images.message import compressed
 from asglight.lobes import Lobes, LobeTracks, asg, motion
 from asglight.lobes.texels import texel_means
 from asglight.shading import ggx, ggx_lobes
@@ -222,23 +221,15 @@ def _vectors(points: Any) -> Tensor:
     Raises:
         InputError: They are of another shape or type, not finite, or of no length.
     """
-    try:
-        values = plain(points, "directions")
-    except InputError:
-        raise
-    except ValueError as error:  # lists of several lengths
-        raise InputError(
-            f"directions: no array ({compressed(str(error))}); expected [..., 3] of "
-            "floating-point numbers."
-        ) from error
+    expected = "[..., 3] of floating-point numbers"
+    values = plain(points, "directions", expected)
     if isinstance(values, Tensor):
         is_float = values.is_floating_point()
     else:
         is_float = values.dtype.newbyteorder("=") in FLOATS  # in any order of bytes
     if values.ndim < 1 or values.shape[-1] != 3 or not is_float:
         raise InputError(
-            f"directions: shape {list(values.shape)} of {values.dtype}; expected [..., 3] of "
-            "floating-point numbers."
+            f"directions: shape {list(values.shape)} of {values.dtype}; expected {expected}."
         )
     if isinstance(values, Tensor):
         vectors = values.to(torch.promote_types(values.dtype, torch.float32))
@@ -264,7 +255,11 @@ def _of_each(light: Light, time: Time, function: Callable[[Lobes], Tensor]) -> T
         return function(light)
     if not isinstance(light, LobeTracks):
         raise InputError(f"light: of type {type(light).__name__}; expected tracks, or lobes.")
-    time = plain(time, "time").tolist() if isinstance(time, np.ndarray | Tensor) else time
+    time = (
+        plain(time, "time", "frame numbers").tolist()
+        if isinstance(time, np.ndarray | Tensor)
+        else time
+    )
     times = _times(light, time)
     lobes = motion.at(light, times)
     found = [function(lobes[place]) for place in range(len(times))]

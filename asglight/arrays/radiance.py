@@ -41,16 +41,17 @@ def device_of(radiance: Any) -> str:
     return str(radiance.device) if isinstance(radiance, Tensor) else "cpu"
 
 
-def plain(values: Any, name: str) -> Any:
+def plain(values: Any, name: str, expected: str) -> Any:
     """Return a dense tensor as it is, and else a numpy array.
 
     Args:
         values: A tensor, or what numpy takes for an array.
         name: What to call it in a message.
+        expected: What it is to be.
 
     Raises:
-        InputError: Some of it is masked, or not stored: it would count as it happens to lie there.
-        ValueError: It is no array.
+        InputError: It is no array, or some of it is masked, or not stored: it would count as it
+            happens to lie there.
     """
     if isinstance(values, Tensor):
         if values.layout is not torch.strided:
@@ -63,7 +64,11 @@ def plain(values: Any, name: str) -> Any:
             f"{name}: {masked} values are masked; expected none. Call filled() with what is to "
             "stand there."
         )
-    return np.asarray(values)
+    try:
+        return np.asarray(values)
+    except ValueError as error:  # lists of several lengths
+        finding = compressed(str(error))
+        raise InputError(f"{name}: no array ({finding}); expected {expected}.") from error
 
 
 def frames_of(radiance: Any) -> list[Any]:
@@ -76,21 +81,11 @@ def frames_of(radiance: Any) -> list[Any]:
     Raises:
         InputError: It has another shape, is not of floating-point numbers, or is masked or sparse.
     """
-    try:
-        values = plain(radiance, "radiance")
-    except InputError:
-        raise
-    except ValueError as error:  # a list of frames of several sizes
-        raise InputError(
-            f"radiance: no array ({compressed(str(error))}); expected [H, 2 H, 3] of one latlong, "
-            "or [F, H, 2 H, 3] of F frames of one size."
-        ) from error
+    expected = "[H, 2 H, 3] of one latlong, or [F, H, 2 H, 3] of F frames of one size"
+    values = plain(radiance, "radiance", expected)
     shape = tuple(values.shape)
     if len(shape) not in (3, 4) or shape[-1] != 3 or shape[-2] != 2 * shape[-3] or 0 in shape:
-        raise InputError(
-            f"radiance: shape {list(shape)}; expected [H, 2 H, 3] of one latlong, or "
-            "[F, H, 2 H, 3] of F frames."
-        )
+        raise InputError(f"radiance: shape {list(shape)}; expected {expected}.")
     if isinstance(values, Tensor):
         is_float = values.is_floating_point()
     else:

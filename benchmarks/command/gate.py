@@ -9,6 +9,7 @@ from typing import Any
 
 from asglight.errors import InputError
 from asglight.images.message import listing, shown
+from benchmarks.given import read_text
 
 TAG, FORMAT = "asglight_command_baseline", 1
 
@@ -43,12 +44,9 @@ def read(path: Path, names: list[str], sizes: Mapping[str, Any]) -> dict[str, fl
         InputError: It cannot be read, is none, or is of other ratios or sizes.
     """
     fix = "Write it anew with --bless."
-    if path.exists() and not path.is_file():  # a pipe would be waited for
-        raise InputError(f"{shown(path)}: is no file; expected a baseline. {fix}")
+    text = read_text(path, f"a baseline. {fix}")
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{shown(path)}: {error.strerror}; expected a baseline. {fix}") from error
+        found = json.loads(text)
     except ValueError as error:
         raise InputError(f"{shown(path)}: is no JSON; expected a baseline. {fix}") from error
     if not isinstance(found, dict) or found.get(TAG) != FORMAT:

@@ -12,6 +12,7 @@ from typing import Any
 
 from asglight.errors import InputError
 from asglight.images.message import shown
+from benchmarks.given import read_text
 
 PARTS_FILE = Path(__file__).with_name("parts.toml")
 
@@ -73,15 +74,12 @@ def read_parts(path: Path = PARTS_FILE) -> dict[str, Part]:
     Raises:
         InputError: It cannot be read, or is none.
     """
-    expected = "expected the parts as TOML. Without --parts-file those of the repository are read."
-    if path.exists() and not path.is_file():  # a pipe would be waited for
-        raise InputError(f"{shown(path)}: is no file; {expected}")
+    expected = "the parts as TOML. Without --parts-file those of the repository are read."
+    text = read_text(path, expected)
     try:
-        parts = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{shown(path)}: {error.strerror}; {expected}") from error
+        parts = tomllib.loads(text)
     except ValueError as error:
-        raise InputError(f"{shown(path)}: is no TOML; {expected}") from error
+        raise InputError(f"{shown(path)}: is no TOML; expected {expected}") from error
     return {name: _part(path, name, entry) for name, entry in parts.items()}
 
 

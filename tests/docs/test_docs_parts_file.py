@@ -14,7 +14,7 @@ from benchmarks.results import __main__ as command
     [
         (None, "No such file or directory; expected the parts as TOML."),
         ("[a", "is no TOML; expected the parts as TOML."),
-        (b"\xff", "is no TOML; expected the parts as TOML."),
+        (b"\xff", "is no text; expected the parts as TOML."),
         ("a = 1", "a: is no part; expected commands and what they leave."),
         ("[a]", "a: is no part; expected commands and what they leave."),
         ('[a]\ncommands = "python"', "a: is no part; expected commands and what they leave."),

@@ -177,15 +177,20 @@ def test_a_page_that_cannot_be_written_is_said_in_a_line(
     assert readme.read_text() == text
 
 
+def draws_a_picture(root: Path, pictures: str) -> None:
+    """Make a repository with an old picture, whose part draws it anew, and says what it draws."""
+    draws = "python -c \"import sys; open(sys.argv[1] + '/a.png', 'w').write('new')\" {output}"
+    toml = f"[fake]\ncommands = ['''{draws}''']\npictures = {pictures}\n"
+    readme, file = repository(root, "", toml)
+    start = f"<!-- made by: {read_parts(file)['fake'].shown()} [fake.picture] -->"
+    readme.write_text(f"{start}\n![A](docs/a.png)\n<!-- end -->\n")
+    old_files(root / "docs", "a.png")
+
+
 def test_a_picture_stays_as_it_was_where_its_page_cannot_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    draws = "python -c \"import sys; open(sys.argv[1] + '/a.png', 'w').write('new')\" {output}"
-    toml = f"[fake]\ncommands = ['''{draws}''']\npictures = {{'docs/a.png' = 'a.png'}}\n"
-    readme, file = repository(tmp_path, "", toml)
-    start = f"<!-- made by: {read_parts(file)['fake'].shown()} [fake.picture] -->"
-    readme.write_text(f"{start}\n![A](docs/a.png)\n<!-- end -->\n")
-    old_files(tmp_path / "docs", "a.png")
+    draws_a_picture(tmp_path, "{'docs/a.png' = 'a.png'}")
     write = Path.write_text
 
     def full(path: Path, written: str, **named: Any) -> int:
@@ -203,13 +208,7 @@ def test_a_picture_stays_as_it_was_where_its_page_cannot_be_written(
 def test_no_picture_is_replaced_where_another_was_not_made(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    draws = "python -c \"import sys; open(sys.argv[1] + '/a.png', 'w').write('new')\" {output}"
-    pictures = "{'docs/a.png' = 'a.png', 'docs/b.png' = 'b.png'}"
-    toml = f"[fake]\ncommands = ['''{draws}''']\npictures = {pictures}\n"
-    readme, file = repository(tmp_path, "", toml)
-    start = f"<!-- made by: {read_parts(file)['fake'].shown()} [fake.picture] -->"
-    readme.write_text(f"{start}\n![A](docs/a.png)\n<!-- end -->\n")
-    old_files(tmp_path / "docs", "a.png")
+    draws_a_picture(tmp_path, "{'docs/a.png' = 'a.png', 'docs/b.png' = 'b.png'}")
     assert run(tmp_path) == 1
     assert "results: fake: made no b.png" in capsys.readouterr().err
     assert (tmp_path / "docs" / "a.png").read_text() == "old"
