@@ -45,6 +45,9 @@ WATCHDOG_S = 1000.0
 WAIT_PICTURES = 600
 """Pictures to wait for a thread at most: they take milliseconds, the thread less than a second."""
 
+KEPT = "[!.]*.json"
+"""Kept edits, and not the hidden files that are being written beside them."""
+
 
 class Driven:
     """What a script sees.

@@ -39,7 +39,7 @@ def test_kept_edits_can_be_discarded(drive_stage: Callable[..., None], tmp_path:
     def edit(test: Any, driven: Driven) -> None:
         brighten(driven)
         for _ in range(windows.WAIT_PICTURES):
-            if kept.is_dir() and list(kept.glob("*.json")):
+            if kept.is_dir() and list(kept.glob(windows.KEPT)):
                 return
             test.yield_()
         raise AssertionError
@@ -48,7 +48,7 @@ def test_kept_edits_can_be_discarded(drive_stage: Callable[..., None], tmp_path:
         test.yield_(2)
         press(test, "Discard them")
         assert not driven.state.history.is_changed
-        assert not list(kept.glob("*.json"))
+        assert not list(kept.glob(windows.KEPT))
 
     drive_stage(edit, autosaves=kept)  # ends without an answer of the user
     drive_stage(discard, autosaves=kept)
@@ -161,7 +161,7 @@ def test_edits_of_a_running_fit_are_offered_when_its_first_lobes_come(
     again.question = None
     assert again.state.history.muted == {1}
     again.close(is_wanted=True)
-    assert not list(kept.glob("*.json"))
+    assert not list(kept.glob(windows.KEPT))
 
 
 def test_kept_edits_that_could_not_be_offered_outlive_those_of_other_lobes(
@@ -174,14 +174,14 @@ def test_kept_edits_that_could_not_be_offered_outlive_those_of_other_lobes(
         assert documents.question is None
         documents.state.toggle_mute(0)
         ended(documents)
-    assert len(list(kept.glob("*.json"))) == 2
+    assert len(list(kept.glob(windows.KEPT))) == 2
     for tracks in (ended_fit, two_lamps):
         documents = with_lobes(tracks, stage, kept)
         assert documents.question is not None
         dict(documents.question.answers)["Discard them"]()
         documents.question = None
         documents.close(is_wanted=True)
-    assert not list(kept.glob("*.json"))
+    assert not list(kept.glob(windows.KEPT))
 
 
 def offered(tracks: LobeTracks, stage: Path, kept: Path) -> str:
@@ -221,7 +221,7 @@ def test_edits_are_kept_of_the_lights_that_a_fit_has_gone_on_to(
     assert documents.state.history.muted == {1}
     for _ in range(windows.WAIT_PICTURES):
         documents.update()
-        if any("lobe_07" in file.read_text() for file in kept.glob("*.json")):
+        if any("lobe_07" in file.read_text() for file in kept.glob(windows.KEPT)):
             break
         time.sleep(0.01)
     ended(documents)

@@ -16,6 +16,7 @@ import numpy as np
 import OpenImageIO
 import pytest
 import torch
+import windows
 from forked import Forks
 from places import SUPPORT
 from windows import Driven, press, wait_for
@@ -165,7 +166,7 @@ stage, kept = map(Path, ({stage!r}, {kept!r}))
 def script(test, driven):
     driven.state.history.add(scale_amplitude(0, None, 1.0))
     driven.state.toggle_mute(1)
-    while not list(kept.glob("*.json")):
+    while not list(kept.glob(windows.KEPT)):
         test.yield_()
     os._exit(9)
 
@@ -201,6 +202,6 @@ def test_edits_are_offered_after_a_crash(
         driven.window.save(Request.SAVE_EDITS, stage.with_name("edits.usda"))
         wait_for(test, driven, "Saved edits.usda.")
         test.yield_(3)
-        assert not list(kept.glob("*.json"))  # what is saved is not offered again
+        assert not list(kept.glob(windows.KEPT))  # what is saved is not offered again
 
     drive_stage(script, autosaves=kept)
