@@ -211,8 +211,8 @@ def fit_first_frame(
         on_step: Called after each step of the first start, and each round of splits of it that is
             kept, perhaps on another thread, with lobes in mean radiances of the map.  [1, N, .]
         threads: Starts followed at once; the fit does not depend on it.
-        in_shot: Whether frames follow: its light is then solved as theirs is, on adaptive cells. A
-            still's is solved once more, by exact means over texels.
+        in_shot: Whether frames follow: it is then lit as they are, on adaptive cells. A still is
+            reweighted (reweighting.py), and lit once more by exact means over texels.
     """
     frame = exposed(reference)
     first = form or Form.ASG
@@ -251,7 +251,7 @@ def fit_first_frame(
         """Return the end of the best start."""
         seeds = [partial(seed, form, spread) for spread in spreads]
         return multi_start.best_end(
-            seeds, finish, last, aim, width_min, on_step, settings.again, threads
+            seeds, finish, last, aim, width_min, on_step, settings.again, threads, mends=not in_shot
         )
 
     best = fitted(first)

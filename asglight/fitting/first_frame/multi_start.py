@@ -71,6 +71,8 @@ def best_end(
     on_step: newton.OnStep | None = None,
     again: int = 0,
     threads: int = 1,
+    *,
+    mends: bool = True,
 ) -> Measured:
     """Follow each start to its end, and return the end to take.
 
@@ -88,6 +90,7 @@ def best_end(
         again: Starts that go once more where what materials show lags behind, the nearest first.
         threads: Starts followed at once, each on a thread of its own: the end does not depend on
             it. On a GPU it is one at a time, for steps there are recorded.
+        mends: Whether what lags behind is brought forward at all; else the nearest end is taken.
     """
     threads = 1 if frame.radiance.is_cuda else threads
 
@@ -105,6 +108,8 @@ def best_end(
     reports = itertools.chain([on_step], itertools.repeat(None))
     calls = (partial(reached, *each) for each in zip(seeds, reports, strict=False))
     nearest = sorted(side_by_side(calls, threads), key=lambda each: each.order)
+    if not mends:
+        return nearest[0].end
     mended = settled(nearest[0].seed, nearest[0].end, frame, aim(), width_min)
     best = min([mended, *nearest[1:]], key=lambda each: each.settled_order)
     if best.behind > 1:

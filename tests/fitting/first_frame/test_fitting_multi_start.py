@@ -96,6 +96,20 @@ def test_an_end_that_needs_no_mending_comes_before_one_that_is_mended_at_the_cos
     assert found is ends[1].end
 
 
+def test_of_a_shot_the_nearest_end_is_taken_as_it_is() -> None:
+    seeds, frame, width_min = _starts()
+    finish = _finish(frame, width_min)
+    beyond = torch.tensor([1e6, 1e6, 1e6, 1e-9, 1e6])
+    given = _made(seeds), finish, frame, lambda: beyond, width_min
+    found = multi_start.best_end(*given, again=2, mends=False)
+    ends = [finish(seed, None, None) for seed in seeds]
+    lags = [float(reweighting.measured(end, frame, beyond).lag[3]) for end in ends]
+    nearest = ends[lags.index(min(lags))]
+    assert torch.equal(found.found.lobes.amplitude, nearest.lobes.amplitude)
+    mended = multi_start.best_end(*given, again=2)
+    assert float(mended.lag[3]) < float(found.lag[3])
+
+
 def test_the_starts_that_came_nearest_go_once_more_with_what_lags_behind_raised() -> None:
     seeds, frame, width_min = _starts()
     asked: list[tuple[Lobes, Tensor | None]] = []
