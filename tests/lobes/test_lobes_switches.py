@@ -150,6 +150,17 @@ def test_a_lamp_that_is_switched_on_does_not_come_from_elsewhere() -> None:
     torch.testing.assert_close(found.axes[0], given.axes[0])
 
 
+@pytest.mark.parametrize(("degrees", "goes_on"), [(25, True), (50, False)])
+def test_a_lobe_fades_in_place_that_would_go_far_however_much_other_lights_change(
+    degrees: float, goes_on: bool
+) -> None:
+    places = [[step * degrees, 180] for step in range(3)] + [[2 * degrees, 180]]
+    given = shot(places, [[1, 1], [1, 1], [0, 9], [0, 9]], [LAMP, BROAD])
+    found = fading_in_place(given)
+    assert is_same(found, given) == goes_on
+    torch.testing.assert_close(found.axes[2, 0], given.axes[2 if goes_on else 1, 0])
+
+
 def test_the_end_of_a_path_moves_on_with_the_lamp_that_it_was_part_of() -> None:
     places = [[0, 2], [15, 17], [30, 32], [45, 45]]
     given = shot(places, [[1, 1], [1, 1], [1, 0], [1, 0]], [LAMP, LAMP])

@@ -118,6 +118,9 @@ def switches_apart(lobes: Lobes) -> Lobes:
 def fading_in_place(lobes: Lobes) -> Lobes:
     """Let a lobe fade where it is, if its path is carried on to where no light goes.
 
+    That is a path by which irradiance strays by too much of what the lobe itself changes it by, or
+    all lobes together do: one that was turned by 40 degrees is no lamp that goes on as far.
+
     Args:
         lobes: A shot, `fading.carried_on`.  [F, N, .]
 
@@ -131,7 +134,9 @@ def fading_in_place(lobes: Lobes) -> Lobes:
     fades[1:] &= ~alone
     fades[:-1] &= ~alone
     for pair in _pairs(lobes, fades):
-        for lobe in _straying(pair, pair.most, enough=pair.most):
+        own = pair.stray.abs().mean(-1) > SETTINGS.stray * pair.change.abs().mean(-1)
+        far = [lobe for lobe, is_far in zip(pair.lobes, own.tolist(), strict=True) if is_far]
+        for lobe in {*far, *_straying(pair, pair.most, enough=pair.most)}:
             first, last = pair.frame, pair.frame + 1
             dark, shines = (last, first) if lit[first, lobe] else (first, last)
             axes[dark, lobe] = axes[shines, lobe]
