@@ -26,6 +26,7 @@ from asglight.fitting.first_frame.fit import (
     with_flux_of,
 )
 from asglight.fitting.following import slots
+from asglight.fitting.following.lost import is_lost
 from asglight.fitting.following.pull_in import pulled_in, re_detected, responsibilities
 from asglight.fitting.following.relocation import COST as RELOCATION_COST
 from asglight.fitting.following.relocation import Relocation, relocated
@@ -49,7 +50,6 @@ class FrameSettings:
         whole: Steps on the whole map.
         changed: Steps on the whole map where lobes were relocated; if empty, those of `whole`.
         relocation: What is spent on relocating lobes.
-        afresh_loss: J from which a frame that changed is fitted from nothing as well.
         afresh: What is spent on a frame that is fitted from nothing.
     """
 
@@ -57,7 +57,6 @@ class FrameSettings:
     whole: tuple[Level, ...]
     changed: tuple[Level, ...]
     relocation: Relocation
-    afresh_loss: float
     afresh: FirstFrameSettings
 
 
@@ -66,7 +65,6 @@ LIVE = FrameSettings(
     whole=(Level(2, Corners(0.1, 0.005)), Level(2, Corners(0.1, 0.002))),
     changed=(Level(4, Corners(0.1, 0.005)), Level(4, Corners(0.1, 0.002))),
     relocation=Relocation(rounds=1, trial=TrialSettings(steps=2, companions=2)),
-    afresh_loss=1.0,
     afresh=first_frame.FAST,
 )
 
@@ -75,7 +73,6 @@ FAST = FrameSettings(
     whole=(Level(4, Corners(0.3, 0.02)), Level(8, Corners(0.1, 0.002))),
     changed=(),
     relocation=Relocation(rounds=2, trial=TrialSettings(4)),
-    afresh_loss=0.5,
     afresh=first_frame.FAST,
 )
 """A trial only has to tell that J will be lower. With three companions, lamps in a tunnel are
@@ -90,7 +87,6 @@ BEST = FrameSettings(
     ),
     changed=(),
     relocation=Relocation(rounds=3, trial=TrialSettings(4), splits=4),
-    afresh_loss=0.5,
     afresh=first_frame.BEST,
 )
 
@@ -165,7 +161,7 @@ def fit_next_frame(
     outcome = replace(outcome, shown=None)  # now on the cells of the whole map
     outcome = stepped(outcome, whole, levels, temporal.prior(outcome.lobes), width_min)
     loss = float(outcome.value)
-    if loss > settings.afresh_loss and unlike > CHANGED * loss:
+    if is_lost(loss, unlike, reference, whole, frame.exposure, count):
         from_nothing = partial(
             fit_first_frame, reference, count, previous.form, threads=threads, in_shot=True
         )
@@ -269,7 +265,9 @@ def _followed(
     start = torch.where(is_new, 0, begun)
     is_other = ~is_new & slots.is_other(fit.lobes, guess.own.select(start))
     if len(stays) == len(guess.tracks) and not bool(is_other.any()):
-        return replace(fit, lobes=_in_tracks(fit.lobes, guess.tracks[begun], previous))
+        lit = ~temporal.is_dark(fit.lobes)  # one that ends may have gone anywhere meanwhile
+        own = guess.tracks[begun[lit]]
+        return replace(fit, lobes=_in_tracks(fit.lobes.select(lit), own, previous))
     origin = torch.where(is_new | is_other, -1, guess.tracks[start])
     left = slots.is_other(reached, guess.own)
     left[start[is_other]] = True  # their tracks are as they were

@@ -42,6 +42,17 @@ def test_lamps_that_come_back_together_are_in_their_tracks_at_once(preset: Prese
         assert float(there.min()) > 0.99
 
 
+@pytest.mark.parametrize("preset", [Preset.LIVE, Preset.FAST])
+def test_a_track_that_goes_dark_stays_where_its_lamp_was(preset: Preset) -> None:
+    on, off = lit(*range(6)), lit(0, 1, 2)
+    (before, after), _ = follow([on, off], FitOptions(LOBES, preset))
+    ended = torch.nonzero((before.amplitude > 0).any(-1) & (after.amplitude == 0).all(-1)).flatten()
+    assert set(tracks_of(before, (3, 4, 5))) <= set(ended.tolist())
+    then, was = after.select(ended), before.select(ended)
+    torch.testing.assert_close(then.axis_z, was.axis_z, rtol=0, atol=1e-6)
+    torch.testing.assert_close(then.sharpness, was.sharpness)
+
+
 def tracks_of(lobes: Lobes, on: Sequence[int]) -> list[int]:
     """Return the track that has most of the radiance at each lamp."""
     light = asg.unit_lobes(lobes, directions_of(on))[..., None] * lobes.amplitude[:, None]
