@@ -94,8 +94,8 @@ DAMPING_START = 0.05
 """More than a first frame's: the steps are few, and with 1e-3 the first one often fails."""
 
 CHANGED = 1.2
-"""Loss of the lobes as they were, over that of the fit, from which a frame counts as changed: where
-lobes are far too few for the map every loss is high, and nothing is in doubt."""
+"""Loss of the lobes as they were, over that of the initial guess, from which a frame counts as
+changed: where lobes are far too few for the map every loss is high, and nothing is in doubt."""
 
 RETURN_LOSS = 0.2
 """Loss of the guess from which dark tracks are asked for, which takes a tenth of a live frame. Of
