@@ -2,7 +2,7 @@
 """One frame of a sequence, started from the one before, with the preset that was asked for."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import torch
@@ -79,7 +79,7 @@ def fit_frame(
 
 
 class Following:
-    """Fits frames one after the other, each from the two before it that differ.
+    """Fits frames one after the other, each from the two before it.
 
     Nothing is looked ahead for: what a frame comes to depends on it and on those before.
 
@@ -87,37 +87,61 @@ class Following:
         last: The newest fit; None before the first frame.
     """
 
-    def __init__(self, options: FitOptions) -> None:
-        """Begin before the first frame.
+    def __init__(
+        self,
+        options: FitOptions,
+        before: Sequence[Lobes] = (),
+        last: FrameFit | None = None,
+        seen: Tensor | None = None,
+        *,
+        is_settled: bool = False,
+    ) -> None:
+        """Begin before the first frame, or where an earlier run ended.
 
         Args:
             options: Settings, as `FitOptions.settled` returns them.
+            before: Lobes of up to two fits before.
+            last: The newest of these.
+            seen: The image that it shows.  [H, 2 H, 3]
+            is_settled: Whether another fit of that image was no better.
         """
-        self.last: FrameFit | None = None
+        self.last = last
         self._options = options
-        self._before: list[Lobes] = []
-        self._seen: Tensor | None = None
+        self._before = list(before)
+        self._seen = seen
+        self._is_settled = is_settled
 
-    def take(self, radiance: Tensor) -> bool:
-        """Fit the next frame; one with the pixels of the one before keeps its fit.
+    def take(self, radiance: Tensor, on_step: StepCallback | None = None) -> bool:
+        """Fit the next frame; one with the pixels of the one before may keep its fit.
 
-        The `paper` preset fits every frame, as published.
+        It does unless lobes that follow on from that fit show it better, which is tried until they
+        do not. A first frame is fitted from nothing, and not tried again. The `paper` preset fits
+        every frame, as published.
 
         Args:
             radiance: Repaired.  [H, 2 H, 3]
+            on_step: Progress within the frame (`paper` only).
 
         Returns:
-            Whether it was fitted.
+            Whether the frame has a fit of its own.
         """
-        may_repeat = self._options.preset is not Preset.PAPER
-        if may_repeat and self._seen is not None and torch.equal(radiance, self._seen):
+        repeated = self.last if self._is_repeat(radiance) else None
+        if repeated is not None and self._is_settled:
             return False
-        earlier = self._before[-2] if len(self._before) > 1 else None
-        previous = self._before[-1] if self._before else None
-        self.last = fit_frame(radiance, self._options, previous, earlier)
-        self._before = [*self._before[-1:], self.last.lobes]
-        self._seen = radiance
+        earlier, previous = [None, None, *self._before][-2:]
+        fit = fit_frame(radiance, self._options, previous, earlier, on_step)
+        if repeated is not None and following.CHANGED * fit.loss >= repeated.loss:
+            self._is_settled = True
+            return False
+        self._is_settled = previous is None
+        self._before = [*self._before[-1:], fit.lobes]
+        self.last, self._seen = fit, radiance
         return True
+
+    def _is_repeat(self, radiance: Tensor) -> bool:
+        """Tell whether an image has the pixels of the one before."""
+        may_repeat = self._options.preset is not Preset.PAPER
+        return may_repeat and self._seen is not None and torch.equal(radiance, self._seen)
 
 
 def _paper_frame(

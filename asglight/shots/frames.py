@@ -4,14 +4,15 @@
 import contextlib
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from functools import partial
 
 import torch
 from torch import Tensor
 
 from asglight.errors import InputError
+from asglight.fitting.first_frame.fit import FrameFit
 from asglight.fitting.options import FitOptions, Preset
-from asglight.fitting.sequence import fit_frame
+from asglight.fitting.sequence import Following
 from asglight.images import Sequence
 from asglight.images.message import shown
 from asglight.lobes import Lobes
@@ -47,8 +48,8 @@ def fit_frames(
 ) -> Iterator[FrameRecord]:
     """Fit the frames that follow those that are done.
 
-    A frame whose pixels equal those of the frame before takes its lobes; what the next frame starts
-    from are the last two frames that differ. The `paper` preset fits every frame, as published.
+    A frame whose pixels equal those of the frame before takes its lobes, unless they can be
+    followed to better ones (`Following.take`). The `paper` preset fits every frame, as published.
 
     Args:
         sequence: The frames.
@@ -59,57 +60,52 @@ def fit_frames(
         start: Lobes of up to two frames before the first one; without them it begins from nothing.
         images: What is known of the images, and keeps those that are read; None to read each once.
     """
-    before = [*(start or []), *(record.lobes for record in own_frames(done))][-2:]
-    last = done[-1] if done else None
     frames = list(sequence.frames[len(done) :])
-    previous: Tensor | None = None
-    if last is not None and frames and options.preset is not Preset.PAPER:
-        previous = sequence.read_or_fill(last.frame).radiance
+    following = _following(sequence, options, done, start or []) if frames else None
+    last = done[-1] if done else None
     reads = read_ahead(sequence, frames) if images is None else images.first(frames)
     with contextlib.closing(reads):
         for frame in frames:
             begin = time.perf_counter()
             read = next(reads)
-            if (
-                last is not None
-                and previous is not None
-                and torch.equal(read.image.radiance, previous)
-            ):
-                record = _repeated(frame, read, last, begin)
-            else:
+            _check_radiance(read)
+            assert following is not None
+            is_own = following.take(
+                read.image.radiance.to(options.device),
+                partial(_tell_step, on_progress, frame),
+            )
+            assert following.last is not None
+            if is_own:
                 on_image(frame, read.image.radiance)
-                record = _fit_one(frame, read, options, before, on_progress, begin)
-                before = [*before[-1:], record.lobes]
-            last = record
-            previous = None if options.preset is Preset.PAPER else read.image.radiance
-            yield record
+            last = _record(frame, read, following.last, None if is_own else last, begin)
+            yield last
 
 
-def _repeated(frame: int, read: ReadFrame, last: FrameRecord, begin: float) -> FrameRecord:
-    """Return a frame that shows what the one before shows."""
-    return replace(
-        last,
-        frame=frame,
-        repair=read.image.repair,
-        stamp=read.stamp,
-        seconds=time.perf_counter() - begin,
-        repeats=repeated_by(last),
+def _tell_step(on_progress: OnProgress, frame: int, step: int, steps: int, loss: float) -> None:
+    """Tell of a step within a frame."""
+    on_progress(StepDone(frame, step, steps, loss))
+
+
+def _following(
+    sequence: Sequence, options: FitOptions, done: list[FrameRecord], start: list[Lobes]
+) -> Following:
+    """Go on where the frames of an earlier run end; what it needs is what a checkpoint keeps."""
+    before = [*start, *(record.lobes for record in own_frames(done))]
+    own = [lobes.to(options.device) for lobes in before[-2:]]
+    if not done or options.preset is Preset.PAPER:
+        return Following(options, own)
+    last = done[-1]
+    return Following(
+        options,
+        own,
+        FrameFit(own[-1], last.loss, last.flux_error),
+        sequence.read_or_fill(last.frame).radiance.to(options.device),
+        is_settled=last.repeats is not None or len(before) == 1,
     )
 
 
-def _fit_one(
-    frame: int,
-    read: ReadFrame,
-    options: FitOptions,
-    before: list[Lobes],
-    on_progress: OnProgress,
-    begin: float,
-) -> FrameRecord:
-    """Fit one frame; what the next one starts from is exactly what a checkpoint keeps.
-
-    Raises:
-        InputError: It is brighter than lights can be.
-    """
+def _check_radiance(read: ReadFrame) -> None:
+    """Refuse an image that is brighter than lights can be."""
     brightest = float(read.image.radiance.max())
     if brightest > RADIANCE_MAX:
         raise InputError(
@@ -117,15 +113,21 @@ def _fit_one(
             f"{RADIANCE_MAX:g}, so that lights can have numbers. Mask what stands for no light, or "
             "divide the images by a constant."
         )
-    there = [lobes.to(options.device) for lobes in before]
-    fit = fit_frame(
-        read.image.radiance.to(options.device),
-        options,
-        there[-1] if there else None,
-        there[-2] if len(there) > 1 else None,
-        lambda step, steps, loss: on_progress(StepDone(frame, step, steps, loss)),
-    )
-    lobes = fit.lobes.to("cpu", torch.float32)
+
+
+def _record(
+    frame: int, read: ReadFrame, fit: FrameFit, repeated: FrameRecord | None, begin: float
+) -> FrameRecord:
+    """Return what is kept of a frame; what the next one starts from is exactly that.
+
+    Args:
+        frame: Its number.
+        read: The image.
+        fit: Its lobes.
+        repeated: The frame before, if it keeps the fit of that.
+        begin: When it began, of `time.perf_counter`.
+    """
+    lobes = fit.lobes.to("cpu", torch.float32) if repeated is None else repeated.lobes
     numbers = torch.cat(
         [lobes.axes.flatten(), lobes.sharpness.flatten(), lobes.amplitude.flatten()]
     )
@@ -139,6 +141,7 @@ def _fit_one(
         repair=read.image.repair,
         stamp=read.stamp,
         seconds=time.perf_counter() - begin,
+        repeats=None if repeated is None else repeated_by(repeated),
     )
 
 

@@ -23,7 +23,8 @@ def live_fits(
         lobes: Number of lobes; None for that of `FitOptions`.
 
     Yields:
-        Frame number and lobes, [N, .]; a frame with the pixels of the one before has its lobes.
+        Frame number and lobes, [N, .]; those of the frame before where the pixels are the same,
+        unless they can be followed to better ones.
 
     Raises:
         InputError: A frame cannot be read.

@@ -33,7 +33,7 @@ from asglight.images.decoding.decoders import APART, HERE
 from benchmarks.given import positive, refused_in_a_line
 
 PARTS: dict[str, tuple[str, ...]] = {
-    "fit of the frames": ("asglight.shots.frames.fit_frame",),
+    "fit of the frames": ("asglight.fitting.sequence.fit_frame",),
     "second reading": ("asglight.shots.rounds.refined",),
     "repairs": ("asglight.images.repair.Tally.account",),
     "light, with its ridge": ("asglight.fitting.steps.light.solve_amplitudes",),

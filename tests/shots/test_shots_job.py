@@ -13,12 +13,13 @@ from usd_tracks import of_every_kind
 
 from asglight import read_usd
 from asglight.errors import InputError
+from asglight.fitting import sequence
 from asglight.fitting.first_frame.fit import exposed
 from asglight.fitting.following.whole_shot import Refinement, refine_shot
 from asglight.fitting.options import FitOptions
 from asglight.lobes import asg
 from asglight.lobes.data import stack
-from asglight.shots import ShotResult, fit_sequence, fit_shot, frames, job
+from asglight.shots import ShotResult, fit_sequence, fit_shot, job
 from asglight.shots.events import Event, FrameDone, Notice, Refined, Started, StepDone
 from asglight.shots.kept.checkpoint import SUFFIX
 from asglight.sphere.quadrature import fibonacci_directions
@@ -246,14 +247,14 @@ def test_a_black_sequence_becomes_a_stage(tmp_path: Path, output: Path) -> None:
 def test_a_fit_that_is_not_finite_is_a_bug_and_is_never_kept(
     source: Path, output: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    original = frames.fit_frame
+    original = sequence.fit_frame
 
     def broken(*args: object, **kwargs: object) -> object:
         fit = original(*args, **kwargs)  # pyright: ignore[reportArgumentType]
         fit.lobes.sharpness[0, 0] = float("nan")
         return fit
 
-    monkeypatch.setattr(frames, "fit_frame", broken)
+    monkeypatch.setattr(sequence, "fit_frame", broken)
     with pytest.raises(RuntimeError, match="frame 1001: the fit has values that are not finite"):
         fit_shot(source, output, shot_files.OPTIONS)
     assert list(output.parent.iterdir()) == []
