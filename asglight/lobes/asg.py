@@ -167,6 +167,30 @@ def moments(lobes: Lobes) -> Moments:
     return Moments(*(m.to(lobes.sharpness.dtype) for m in result))
 
 
+def log_slopes(lobes: Lobes, known: Moments) -> Tensor:
+    """Differentiate the logarithm of each lobe's integral by those of its sharpness.
+
+    Along x it is -sx times the share of x^2 in the lobe; of sg, -s times that of 1 - z.
+
+    Args:
+        lobes: N lobes.  [..., N, .]
+        known: Their moments, float64.  [..., N, .]
+
+    Returns:
+        Along sx and sy, float64; of sg, along s and 0.  [..., N, 2]
+    """
+    lobes = lobes.to(torch.float64)
+    if lobes.form is Form.SG:
+        along = lobes.sharpness[..., 0] * (known.zeroth - known.first)
+        slopes = torch.stack([along, torch.zeros_like(along)], -1)
+    elif lobes.form is Form.FLAT:
+        terms = flat.terms(lobes)
+        slopes = flat.summed(terms.sharpness * moments(terms).second[..., :2], -2)
+    else:
+        slopes = lobes.sharpness * known.second[..., :2]
+    return -slopes / known.zeroth[..., None]
+
+
 def facing_irradiance(lobes: Lobes, known: Moments | None = None) -> Tensor:
     """Return the irradiance on a patch that faces each lobe: the integral of z over z > 0.
 

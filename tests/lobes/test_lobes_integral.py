@@ -10,6 +10,7 @@ also done over the sphere directly, from the definition.
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import lobe_samples
 import mpmath
@@ -174,6 +175,26 @@ def test_moments_are_the_integrals_over_the_sphere(form: Form, pair: tuple[float
         for name, w in weights.items()
     }
     assert _found(form, *pair) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("pair", [(1e-3, 1e-3), (0.5, 0.5), (6.0, 1.5), (2.0, 900.0), (1e6, 1e3)])
+def test_slopes_are_differences_of_the_logarithm_of_the_integral(
+    form: Form, pair: tuple[float, float]
+) -> None:
+    step = 1e-3  # differences are exact to its square
+    lobes = lobes_of(lobe_samples.random_axes(1), pair, form)
+
+    def stretched(along: list[float]) -> float:
+        sharpness = lobes.sharpness * torch.exp(torch.tensor(along, dtype=torch.float64))
+        return math.log(float(asg.integral(replace(lobes, sharpness=sharpness))))
+
+    expected = [
+        (stretched(one) - stretched([-each for each in one])) / (2 * step)
+        for one in ([step, 0.0], [0.0, step])
+    ]
+    found = asg.log_slopes(lobes, asg.moments(lobes))[0].tolist()
+    assert found == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("s", [1e-3, 0.5, 1.0, 4.0, 30.0, 1e6])

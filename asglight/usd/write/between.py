@@ -122,9 +122,7 @@ class Shot:
     def of_lobes(self) -> list[Sampled]:
         """Return each lobe with the samples that its own attributes need.  N."""
         inserted = [
-            fewest_samples(
-                one.where, LobeSpans.of(self._flux(one.where), one.lobes, one.moments.zeroth)
-            )
+            fewest_samples(one.where, LobeSpans.of(self._flux(one.where), one.lobes, one.moments))
             for one in self._bent_spans
         ]
         # where rounding would decide which way is the shorter, the middle says it

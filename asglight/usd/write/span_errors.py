@@ -15,7 +15,7 @@ Symbols: S spans, Q probes, K even steps.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Protocol, Self
 
@@ -36,9 +36,6 @@ dissolved, more than was asked (`benchmarks.motion.measure`)."""
 
 FAINT = 0.01
 """A lobe with less than this share of the flux of all counts as having it."""
-
-SLOPE_STEP = 1e-3
-"""Of the logarithm of the sharpness: differences are exact to its square."""
 
 PROBES = (0.25, 0.5, 0.75)
 """Of the way between two samples: errors are 0 at both and, where they matter, of second order."""
@@ -244,20 +241,11 @@ class LobeSpans:
     slopes: Curve
 
     @classmethod
-    def of(cls, flux: Flux, lobes: Lobes, integral: Tensor) -> Self:
-        """Take lobes at even steps [S, K, .], and the integrals of unit lobes [S, K]."""
-        slopes = []
-        for axis in (0, 1):
-            step = lobes.sharpness.new_zeros(2)
-            step[axis] = SLOPE_STEP
-            ends = [
-                asg.integral(replace(lobes, sharpness=lobes.sharpness * factor)).log()
-                for factor in (step.exp(), (-step).exp())
-            ]
-            slopes.append((ends[0] - ends[1]) / (2 * SLOPE_STEP))
-        sharpness = lobes.sharpness[:, [0, -1]].log()
-        curves = Curve.through(integral.log()), Curve.through(torch.stack(slopes, -1))
-        return cls(flux, sharpness, *curves)
+    def of(cls, flux: Flux, lobes: Lobes, moments: asg.Moments) -> Self:
+        """Take lobes at even steps, and their moments.  [S, K, .]."""
+        integral = Curve.through(moments.zeroth.log())
+        slopes = Curve.through(asg.log_slopes(lobes, moments))
+        return cls(flux, lobes.sharpness[:, [0, -1]].log(), integral, slopes)
 
     def at(self, index: Tensor) -> Self:
         """Pick spans."""
