@@ -40,7 +40,7 @@ def compete(
     width_min: float,
     damping: Tensor | float = newton.DAMPING_START,
 ) -> tuple[Lobes, Tensor]:
-    """Take steps from each trial.
+    """Take steps from each trial; lobes that are black in it stay so.
 
     Args:
         trials: Two or more; the first is the lobes as they are.  [F, N, .]
@@ -53,9 +53,11 @@ def compete(
     Returns:
         The lobes after their steps [F, N, .] and J of each trial [F].
     """
-    many = frame.repeated(len(indices))
+    many, black = frame.repeated(len(indices)), (trials.amplitude <= 0).all(-1)
     if settings.companions is None or settings.companions + 1 >= trials.count:
-        found = newton.minimise(trials, many, settings.steps, damping=damping, width_min=width_min)
+        found = newton.minimise(
+            trials, many, settings.steps, damping=damping, width_min=width_min, still=black
+        )
         return found.lobes, found.value
     shown = lobe_images.images(trials, many.places)
     moving = _together(shown, many, indices, settings.companions + 1)
@@ -67,6 +69,7 @@ def compete(
         settings.steps,
         damping=damping,
         width_min=width_min,
+        still=neighbours.pick(black, moving),
     )
     return neighbours.put(trials, moving, found.lobes), found.value
 

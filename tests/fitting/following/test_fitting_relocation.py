@@ -101,3 +101,15 @@ def test_a_lobe_is_placed_where_light_lacks_most_and_nowhere_if_none_does() -> N
     brighter = replace(TRUTH, amplitude=2 * TRUTH.amplitude)
     seen = lobe_images.images(brighter[None], frame.places)
     assert placed(brighter, 2, seen, frame) is None
+
+
+def test_the_lobe_that_goes_is_not_lit_again_in_the_trials() -> None:
+    """Two lobes make up a room, and neither can be spared for its lamp: all of it would be dark."""
+    room = lamps([SKY, (0.0, -1.0, 0.0), A], [0.1, 0.1, 60.0], [1.0, 1.0, 9.0])
+    frame, two = _frame(room), room.select(torch.tensor([0, 1]))
+    found, stays = _relocated(two, count=2, room=2, frame=frame)
+    before, after = (
+        float(objective.value(lobe_images.images(each[None], frame.places).radiance, frame))
+        for each in (two, found.select(stays))
+    )
+    assert after <= before
