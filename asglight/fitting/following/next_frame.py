@@ -161,7 +161,7 @@ def fit_next_frame(
     outcome = replace(outcome, shown=None)  # now on the cells of the whole map
     outcome = stepped(outcome, whole, levels, temporal.prior(outcome.lobes), width_min)
     loss = float(outcome.value)
-    if is_lost(loss, unlike, reference, whole, frame.exposure, count):
+    if is_lost(loss, unlike, reference, whole, frame.exposure, count, previous.form):
         from_nothing = partial(
             fit_first_frame, reference, count, previous.form, threads=threads, in_shot=True
         )

@@ -12,7 +12,7 @@ from asglight.fitting.following import lost, next_frame
 from asglight.fitting.loss import objective
 from asglight.fitting.options import FitOptions, Preset
 from asglight.fitting.sequence import fit_frame
-from asglight.lobes import texels
+from asglight.lobes import Form, texels
 
 
 def row_of_lamps(*on: int) -> Tensor:
@@ -52,5 +52,21 @@ def test_of_small_errors_and_small_changes_no_yardstick_is_made(
     loss: float, unlike: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lost.seeding, "seed_lobes", lambda *_: pytest.fail("was made"))
-    black = torch.zeros(1, 3, 2 * 32**2)
-    assert not lost.is_lost(loss, unlike, torch.ones(32, 64, 3), objective.target(black), 1.0, 3)
+    black = objective.target(torch.zeros(1, 3, 2 * 32**2))
+    assert not lost.is_lost(loss, unlike, torch.ones(32, 64, 3), black, 1.0, 3, Form.ASG)
+
+
+def test_one_lobe_that_shows_little_is_not_fitted_from_nothing_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A lobe of the form asg cannot show light from all around, wherever it begins."""
+    places = [(0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (1.0, 0.2, 0.0)]
+    frame = texels.texel_means(lamps(places, [0.1, 0.1, 60.0], [1.0, 1.0, 9.0]), 64, 128)
+    options = FitOptions(1, Preset.LIVE, moving=True)
+    first = fit_frame(frame, options, None)
+    assert first.loss > 10 * lost.LOST
+    begun: list[Tensor] = []
+    monkeypatch.setattr(next_frame, "fit_first_frame", lambda map_, *_, **__: begun.append(map_))
+    again = fit_frame(1.2 * frame.roll(3, 1), options, first.lobes)
+    assert not begun
+    assert again.loss < 1.1 * first.loss
