@@ -97,7 +97,8 @@ DAMPING_START = 0.05
 
 CHANGED = 1.2
 """Loss of the lobes as they were, over that of the initial guess, from which a frame counts as
-changed: where lobes are far too few for the map every loss is high, and nothing is in doubt."""
+changed: where lobes are far too few for the map every loss is high, and nothing is in doubt. Of a
+frame that is held, by how much another fit must be better (sequence.py)."""
 
 RETURN_LOSS = 0.2
 """Loss of the guess from which dark tracks are asked for, which takes a tenth of a live frame. Of
