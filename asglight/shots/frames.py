@@ -61,7 +61,9 @@ def fit_frames(
         images: What is known of the images, and keeps those that are read; None to read each once.
     """
     frames = list(sequence.frames[len(done) :])
-    following = _following(sequence, options, done, start or []) if frames else None
+    if not frames:
+        return
+    following = _following(sequence, options, done, start or [])
     last = done[-1] if done else None
     reads = read_ahead(sequence, frames) if images is None else images.first(frames)
     with contextlib.closing(reads):
@@ -69,7 +71,6 @@ def fit_frames(
             begin = time.perf_counter()
             read = next(reads)
             _check_radiance(read)
-            assert following is not None
             is_own = following.take(
                 read.image.radiance.to(options.device),
                 partial(_tell_step, on_progress, frame),
