@@ -38,7 +38,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "repairs": ("asglight.images.repair.Tally.account",),
     "light, with its ridge": ("asglight.fitting.steps.light.solve_amplitudes",),
     "relocation": ("asglight.fitting.following.next_frame.relocated",),
-    "wider sight for a lost lamp": ("asglight.fitting.following.next_frame.re_detected",),
+    "wider sight for a lost lamp": ("asglight.fitting.following.initial_guess.re_detected",),
     "doubt: a fresh fit": ("asglight.fitting.following.next_frame.fit_first_frame",),
     "leaving out": ("asglight.shots.tracks.simplified",),
     "preroll": ("asglight.shots.rounds.start_of",),

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from asglight.fitting.first_frame.fit import Exposed, narrowest, with_flux_of
-from asglight.fitting.following.next_frame import DAMPING_START
+from asglight.fitting.following.initial_guess import DAMPING_START
 from asglight.fitting.loss import lobe_images, objective, temporal
 from asglight.fitting.loss.objective import Corners
 from asglight.fitting.steps import light, newton
