@@ -5,8 +5,8 @@
 
 Each change is made to each map of the folder, on 128 rows, over 9 frames. Errors are those of
 asglight.fitting.loss.measures, within 1 % of the judge's, in the mean over maps and frames; worst
-is the r0.5 of the worst frame of all. `afresh` is `fast` on every frame from nothing, which nothing
-holds.
+is the r0.5 of the worst frame of all, and flicker is taken of what r0.5 shows. `afresh` is `fast`
+on every frame from nothing, which nothing holds.
 """
 
 import math
@@ -14,12 +14,14 @@ import statistics
 from collections.abc import Callable, Iterator, Sequence
 
 import torch
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from asglight.fitting.loss import measures
 from asglight.fitting.options import LOBES, FitOptions, Preset
 from asglight.judging.following import follow
 from asglight.sphere import latlong
+from benchmarks.fits.unseen import turned
 from benchmarks.given import maps_given
 from benchmarks.shots.turned import Shot, measured
 
@@ -31,6 +33,9 @@ LAMP_DEG = 6.0
 
 LAMP_FLUX = 0.25
 """Of a lamp that is added, over that of the map."""
+
+HAND_DEG = 1.0
+"""Standard deviation of each angle by which a camera in the hand turns in a frame."""
 
 Change = Callable[[Tensor, Tensor], list[Tensor]]
 """Makes a sequence of a map and of the next one in the folder."""
@@ -74,6 +79,15 @@ def walk(radiance: Tensor, _: Tensor) -> list[Tensor]:
     return [seen_from(radiance, way) for way in ways]
 
 
+def in_the_hand(radiance: Tensor, _: Tensor) -> list[Tensor]:
+    """Turn the map as a camera in the hand does, by some `HAND_DEG` about each axis a frame."""
+    generator = torch.Generator().manual_seed(FRAMES)
+    turns = torch.randn(FRAMES, 3, generator=generator, dtype=torch.float64).cumsum(0)
+    angles = (HAND_DEG * turns).tolist()
+    axes = [Rotation.from_euler("yxz", each, degrees=True).as_matrix() for each in angles]
+    return [turned(radiance, torch.from_numpy(each)) for each in axes]
+
+
 CHANGES: dict[str, Change] = {
     "a lamp turns by 20 degrees a frame": turning_lamp,
     "three lamps are switched on and off": switched_lamps,
@@ -81,6 +95,7 @@ CHANGES: dict[str, Change] = {
     "hard cuts": cuts,
     "a whip pan, 20 degrees a frame": whip_pan,
     "a walk through the map": walk,
+    "a camera in the hand, 1 degree a frame": in_the_hand,
 }
 
 
@@ -152,7 +167,7 @@ def _afresh(maps: list[Tensor]) -> Shot:
     return Shot(irr, rough, math.nan, math.nan)
 
 
-HEAD = "| change | fit | irr | r0.5 | worst r0.5 |\n|---|---|" + "--:|" * 3
+HEAD = "| change | fit | irr | r0.5 | worst r0.5 | flicker |\n|---|---|" + "--:|" * 4
 
 
 def row(name: str, fit: str, found: list[Shot]) -> str:
@@ -165,7 +180,10 @@ def row(name: str, fit: str, found: list[Shot]) -> str:
     """
     irr = statistics.fmean(error for shot in found for error in shot.irr)
     rough = [error for shot in found for error in shot.rough]
-    return f"| {name} | {fit} | {irr:.4f} | {statistics.fmean(rough):.4f} | {max(rough):.3f} |"
+    flicker = statistics.fmean(shot.flicker for shot in found)
+    shown = "–" if math.isnan(flicker) else f"{flicker:.4f}"
+    errors = f"{irr:.4f} | {statistics.fmean(rough):.4f} | {max(rough):.3f}"
+    return f"| {name} | {fit} | {errors} | {shown} |"
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What changes too hard to be followed: `benchmarks/shots/hard_changes.py`."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -67,5 +68,22 @@ def test_every_change_is_followed_by_every_fit(
 
 
 def test_a_row_has_the_means_and_the_worst_frame_of_all_shots() -> None:
-    shots = [hard.Shot([0.1, 0.3], [0.2, 0.4], 0.0, 0.0), hard.Shot([0.2], [0.0], 0.0, 0.0)]
-    assert hard.row("a", "fast", shots) == "| a | fast | 0.2000 | 0.2000 | 0.400 |"
+    shots = [hard.Shot([0.1, 0.3], [0.2, 0.4], 0.1, 0.0), hard.Shot([0.2], [0.0], 0.2, 0.0)]
+    assert hard.row("a", "fast", shots) == "| a | fast | 0.2000 | 0.2000 | 0.400 | 0.1500 |"
+
+
+def test_fits_from_nothing_have_no_flicker_to_show() -> None:
+    shot = hard.Shot([0.1], [0.2], float("nan"), float("nan"))
+    assert hard.row("a", "afresh", [shot]) == "| a | afresh | 0.1000 | 0.2000 | 0.200 | – |"
+
+
+def test_a_camera_in_the_hand_turns_the_whole_map_by_little() -> None:
+    sky = sky_and_sun(0.0, ROWS)
+    frames = hard.in_the_hand(sky, sky)
+    suns = [
+        latlong.directions(ROWS, 2 * ROWS).flatten(0, 1)[each.sum(-1).argmax()] for each in frames
+    ]
+    steps = [float(one @ other) for one, other in pairwise(suns)]
+    least = torch.deg2rad(torch.tensor(8.0)).cos()  # four standard deviations on two axes, a texel
+    assert least < min(steps) < 0.9999
+    assert [_flux(each) for each in frames] == pytest.approx([_flux(sky)] * len(frames), rel=0.01)

@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the lobes of a frame begin: as they were, moved on, turned to a lost lamp, pulled in."""
+"""Where the lobes of a frame begin: as they were, moved on, turned with the camera, pulled in."""
 
 import torch
+from torch import Tensor
 
-from asglight.fitting.following.pull_in import pulled_in, re_detected, responsibilities
+from asglight.fitting.following.pull_in import (
+    pulled_in,
+    re_detected,
+    responsibilities,
+    turned_together,
+)
 from asglight.fitting.loss import lobe_images, objective, temporal
 from asglight.fitting.steps import light, newton
 from asglight.lobes import Lobes
@@ -14,12 +20,18 @@ DAMPING_START = 0.05
 """More than a first frame's: the steps are few, and with 1e-3 the first one often fails."""
 
 
+TOGETHER_GAIN = 0.02
+"""Share of J by which lobes that turn together must do better than others: by less, the rotation is
+that of one lamp which moves by itself, and the others only follow it."""
+
+
 def initial_guess(
     before: Lobes, earlier: Lobes | None, frame: objective.Target, width_min: float
 ) -> tuple[newton.Outcome, float]:
-    """Return the best of the lobes as they were, moved on as they moved, turned to a lost lamp.
+    """Return the best of the lobes as they were, and turned in three ways.
 
-    Each of these competes, and each pulled in by the lamps from there.
+    They are turned on as they moved, all together as a camera turns, and each to the lamp that it
+    lost. Each of these competes, and each pulled in by the lamps from there.
 
     Args:
         before: The frame before, in the exposure of this one.  [N, .]
@@ -35,28 +47,44 @@ def initial_guess(
         places.append(onward(before, earlier, ~temporal.is_dark(earlier)))
     still = lobe_images.images(_at(before, torch.stack(places)), frame.places)
     taken = responsibilities(still)
-    found = re_detected(still.lobes[:1], taken[:1], frame)
+    as_it_was, own = still.lobes[:1], taken[:1]
+    found = re_detected(as_it_was, own, frame)
     if found is not None:
-        seeing = lobe_images.images(found, frame.places)
-        still, taken = (
-            lobe_images.joined(still, seeing),
-            torch.cat([taken, responsibilities(seeing)]),
-        )
+        still, taken = _with(still, taken, found, frame)
+    still, taken = _with(still, taken, _with_the_camera(as_it_was, own, frame), frame)
     count = len(taken)
     after = pulled_in(still.lobes, taken, frame.repeated(count), width_min)
     onwards = lobe_images.images(after, frame.places)
     radiance = torch.cat([still.radiance, onwards.radiance])
     value = objective.value(radiance, frame.repeated(2 * count))
-    still_best, after_best = value.view(2, -1).argmin(-1, keepdim=True)
+    judged = value.view(2, -1).clone()
+    enough = (1 - TOGETHER_GAIN) * judged[:, :-1].min()
+    judged[:, -1][judged[:, -1] >= enough] = torch.inf
+    still_best, after_best = judged.argmin(-1, keepdim=True)
     pair = lobe_images.joined(still[still_best], onwards[after_best])
     lit = light.solve_amplitudes(pair, frame.repeated(2))
-    as_it_was = float(value[0])
+    loss_before = float(value[0])
     value = objective.value(lit.radiance, frame.repeated(2))
     damping = torch.full_like(value, DAMPING_START)
-    return newton.Outcome(lit.lobes, value, damping, lit).best(), as_it_was
+    return newton.Outcome(lit.lobes, value, damping, lit).best(), loss_before
 
 
-def _at(lobes: Lobes, axis_z: torch.Tensor) -> Lobes:
+def _with_the_camera(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lobes:
+    """Turn lobes together, twice: the second time they see what the first brought into sight."""
+    turned = turned_together(lobes, taken, frame)
+    seeing = lobe_images.images(turned, frame.places)
+    return turned_together(turned, responsibilities(seeing), frame)
+
+
+def _with(
+    seen: lobe_images.Images, taken: Tensor, lobes: Lobes, frame: objective.Target
+) -> tuple[lobe_images.Images, Tensor]:
+    """Add lobes to those that compete."""
+    seeing = lobe_images.images(lobes, frame.places)
+    return lobe_images.joined(seen, seeing), torch.cat([taken, responsibilities(seeing)])
+
+
+def _at(lobes: Lobes, axis_z: Tensor) -> Lobes:
     """Turn lobes the shortest way.  axis_z: [..., N, 3]; result [..., N, .]."""
     batch = axis_z.shape[:-2]
     return Lobes(
