@@ -4,12 +4,8 @@
 import torch
 from torch import Tensor
 
-from asglight.fitting.following.pull_in import (
-    pulled_in,
-    re_detected,
-    responsibilities,
-    turned_together,
-)
+from asglight.fitting.following.camera import turned_with_it
+from asglight.fitting.following.pull_in import pulled_in, re_detected, responsibilities, seen
 from asglight.fitting.loss import lobe_images, objective, temporal
 from asglight.fitting.steps import light, newton
 from asglight.lobes import Lobes
@@ -71,17 +67,17 @@ def initial_guess(
 
 def _with_the_camera(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lobes:
     """Turn lobes together, twice: the second time they see what the first brought into sight."""
-    turned = turned_together(lobes, taken, frame)
+    turned = turned_with_it(lobes, *seen(lobes, taken, frame))
     seeing = lobe_images.images(turned, frame.places)
-    return turned_together(turned, responsibilities(seeing), frame)
+    return turned_with_it(turned, *seen(turned, responsibilities(seeing), frame))
 
 
 def _with(
-    seen: lobe_images.Images, taken: Tensor, lobes: Lobes, frame: objective.Target
+    shown: lobe_images.Images, taken: Tensor, lobes: Lobes, frame: objective.Target
 ) -> tuple[lobe_images.Images, Tensor]:
     """Add lobes to those that compete."""
     seeing = lobe_images.images(lobes, frame.places)
-    return lobe_images.joined(seen, seeing), torch.cat([taken, responsibilities(seeing)])
+    return lobe_images.joined(shown, seeing), torch.cat([taken, responsibilities(seeing)])
 
 
 def _at(lobes: Lobes, axis_z: Tensor) -> Lobes:

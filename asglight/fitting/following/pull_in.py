@@ -6,9 +6,6 @@ gone from it. One step of expectation-maximisation does: each lobe takes of ever
 flux the share that it has of the radiance there, and goes to the mean and the in-plane covariance
 of what it took [Banerjee et al. 2005 for isotropic lobes]. What no narrow lobe claims falls to the
 nearest that reaches that far, so two lamps keep two lobes.
-
-A camera that turns moves all lamps by one rotation. Each lobe by itself finds a part of the way,
-and its shape changes with it; together they find the rotation, and keep their shapes.
 """
 
 import math
@@ -31,9 +28,6 @@ LOST_SHARE = 0.5
 
 REACH = math.radians(3.3)
 """Sigma with which it looks for it: three of these are as far as a lit lobe may go in a frame."""
-
-TURNS_LEAST = 1e-9
-"""Share of what lobes say that speaks for no turn: more than rounding, less than any of them."""
 
 
 def responsibilities(shown: Images) -> Tensor:
@@ -97,13 +91,8 @@ def re_detected(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lobes |
     return replace(lobes, axes=torch.where(lost[..., None, None], axes, lobes.axes))
 
 
-def turned_together(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lobes:
-    """Turn all lobes by one rotation, as a camera does: it brings most light to what lobes took.
-
-    The least squares of Wahba [1965, "A Least Squares Estimate of Satellite Attitude"], by singular
-    values [Markley 1988]. A mean direction is known to the variance over the flux, so a lobe weighs
-    by its flux over its variance. What several rotations do as well, as with one lobe, that does
-    which turns least.
+def seen(lobes: Lobes, taken: Tensor, frame: objective.Target) -> tuple[Tensor, Tensor]:
+    """Return the mean directions of what lobes took [F, N, 3], and its flux over 4 pi [F, N].
 
     Args:
         lobes: Lobes in the exposure of the frame.  [F, N, .]
@@ -111,17 +100,7 @@ def turned_together(lobes: Lobes, taken: Tensor, frame: objective.Target) -> Lob
         frame: The maps.
     """
     total, moments = _moments(taken, frame)
-    seen = _turned(lobes, total, moments)[..., 2, :].double()  # [F, N, 3]
-    variance = 1 / (asg.per_variance(lobes.form) * lobes.sharpness).mean(-1)
-    weight = (total / (variance + REACH**2)).double()[..., None]
-    least = TURNS_LEAST * weight.sum(-2, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
-    profile = (weight * seen).mT @ lobes.axis_z.double() + least * torch.eye(3).to(seen)
-    left, _, right = torch.linalg.svd(profile)
-    handed = torch.ones_like(left[..., 0])
-    handed[..., 2] = torch.det(left @ right)  # 1, or -1 for a mirror
-    turn = (left * handed[..., None, :]) @ right
-    axes = lobes.axes.double() @ turn.mT[..., None, :, :]
-    return replace(lobes, axes=axes.to(lobes.axes))
+    return _turned(lobes, total, moments)[..., 2, :], total
 
 
 def _moments(taken: Tensor, frame: objective.Target) -> tuple[Tensor, Tensor]:

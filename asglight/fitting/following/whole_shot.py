@@ -5,7 +5,8 @@ Frame by frame, a fit knows only what came before. Here steps are taken with the
 towards both neighbours, first for the frames at even places and then for those at odd ones: a
 Gauss-Seidel sweep. Frames of one kind are no neighbours, so a GPU has them all at once. The term is
 a norm (temporal.py): between two places that a lamp passes it pulls to neither, and a track that is
-dark in a neighbour is not held by it, so a cut is a cut.
+dark in a neighbour is not held by it, so a cut is a cut. Neighbours are turned with the camera:
+what stands still in front of one that shakes is held where it is.
 """
 
 from collections.abc import Callable, Iterable
@@ -16,11 +17,12 @@ import torch
 from torch import Tensor
 
 from asglight.fitting.first_frame.fit import Exposed, narrowest, with_flux_of
+from asglight.fitting.following.camera import turned_with_it
 from asglight.fitting.following.initial_guess import DAMPING_START
 from asglight.fitting.loss import lobe_images, objective, temporal
 from asglight.fitting.loss.objective import Corners
 from asglight.fitting.steps import light, newton
-from asglight.lobes import Lobes
+from asglight.lobes import Lobes, asg
 from asglight.lobes.data import chosen
 from asglight.threads import side_by_side
 
@@ -150,7 +152,7 @@ def _step(
         start,
         whole,
         settings.steps,
-        priors=_priors(shot, index, tracks, frames, settings.gamma),
+        priors=_priors(shot, index, tracks, frames, own, settings.gamma),
         damping=DAMPING_START,
         width_min=narrowest(frames[0].height),
         still=still,
@@ -186,15 +188,33 @@ def _lit_first(lobes: Lobes) -> tuple[Tensor, Tensor]:
 
 
 def _priors(
-    shot: Lobes, index: Tensor, tracks: Tensor, frames: list[Exposed], gamma: float
+    shot: Lobes, index: Tensor, tracks: Tensor, frames: list[Exposed], own: Lobes, gamma: float
 ) -> list[temporal.Prior]:
     """Return the temporal terms towards the frames before and after, of no weight beyond an end."""
     priors = []
     for other in ((index - 1).clamp(min=0), (index + 1).clamp(max=len(shot.axes) - 1)):
-        prior = temporal.prior(_gathered(shot, other, tracks, frames), gamma)
+        there = _gathered(shot, other, tracks, frames)
+        prior = temporal.prior(_as_seen_from(own, there), gamma)
         counts = (other != index)[:, None].to(prior.share)
         priors.append(replace(prior, share=prior.share * counts))
     return priors
+
+
+def _as_seen_from(own: Lobes, there: Lobes) -> Lobes:
+    """Return the lobes of another frame turned with the camera, where they are nearer for it.
+
+    Where a camera turns, what stands still moves by one rotation. Held in place, lobes would lag.
+
+    Args:
+        own: The lobes of a frame.  [F', K, .]
+        there: The same of its neighbour.  [F', K, .]
+    """
+    flux = torch.minimum(asg.flux(own).sum(-1), asg.flux(there).sum(-1))
+    turned = turned_with_it(there, own.axis_z, flux)
+    nearer = temporal.value(own, temporal.prior(turned)) < temporal.value(
+        own, temporal.prior(there)
+    )
+    return chosen(nearer, turned, there)
 
 
 def _gathered(shot: Lobes, index: Tensor, tracks: Tensor, frames: list[Exposed]) -> Lobes:

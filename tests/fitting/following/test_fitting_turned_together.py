@@ -10,10 +10,11 @@ from lobe_cases import lamps, target
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from asglight.fitting.first_frame.fit import narrowest
-from asglight.fitting.following import initial_guess, pull_in
+from asglight.fitting.first_frame.fit import exposed, narrowest
+from asglight.fitting.following import camera, initial_guess, pull_in, whole_shot
 from asglight.fitting.loss import lobe_images, objective
 from asglight.lobes import Lobes, texels
+from asglight.lobes.data import stack
 
 HEIGHT = 64
 PLACES = ((0.0, 20.0), (70.0, -10.0), (150.0, 35.0), (-60.0, 5.0), (-130.0, -30.0))
@@ -46,7 +47,8 @@ def _frame(scene: Lobes) -> objective.Target:
 
 def _together(lobes: Lobes, frame: objective.Target) -> Lobes:
     shown = lobe_images.images(lobes[None], frame.places)
-    return pull_in.turned_together(lobes[None], pull_in.responsibilities(shown), frame)[0]
+    seen = pull_in.seen(lobes[None], pull_in.responsibilities(shown), frame)
+    return camera.turned_with_it(lobes[None], *seen)[0]
 
 
 def _angles(first: Tensor, second: Tensor) -> Tensor:
@@ -70,15 +72,13 @@ def test_the_rotation_is_that_of_scipy() -> None:
     lobes = _scene()
     frame = _frame(_turned(lobes, Rotation.from_euler("yxz", [4, -3, 2], degrees=True)))
     shown = lobe_images.images(lobes[None], frame.places)
-    taken = pull_in.responsibilities(shown)
-    total, moments = pull_in._moments(taken, frame)
-    seen = torch.nn.functional.normalize(moments[0, :, :3].double(), dim=-1)
+    seen, flux = pull_in.seen(lobes[None], pull_in.responsibilities(shown), frame)
     variance = (1 / (2 * lobes.sharpness.double())).mean(-1)  # exp(-s x^2) is exp(-x^2 / (2 v))
-    weights = total[0].double() / (variance + pull_in.REACH**2)
+    weights = flux[0].double() / (variance + pull_in.REACH**2)
     turn, _ = Rotation.align_vectors(
-        seen.numpy(), lobes.axis_z.double().numpy(), weights=weights.numpy()
+        seen[0].double().numpy(), lobes.axis_z.double().numpy(), weights=weights.numpy()
     )
-    found = pull_in.turned_together(lobes[None], taken, frame)[0]
+    found = camera.turned_with_it(lobes[None], seen, flux)[0]
     torch.testing.assert_close(found.axes, _turned(lobes, turn).axes, rtol=0, atol=1e-5)
 
 
@@ -120,3 +120,24 @@ def test_black_lobes_turn_nowhere() -> None:
     frame = _frame(_scene(moved=6.0))
     black = replace(lobes, amplitude=torch.zeros_like(lobes.amplitude))
     torch.testing.assert_close(_together(black, frame).axes, lobes.axes, rtol=0, atol=1e-6)
+
+
+def test_refinement_sees_neighbours_through_the_camera_of_the_frame() -> None:
+    lobes = _scene()
+    away = _turned(lobes, Rotation.from_rotvec([0.0, math.radians(5), 0.0]))
+    found = whole_shot._as_seen_from(lobes[None], away[None])[0]
+    torch.testing.assert_close(found.axes, lobes.axes, rtol=0, atol=1e-5)
+    moved = _scene(moved=6.0)
+    found = whole_shot._as_seen_from(lobes[None], moved[None])[0]
+    assert torch.equal(found.axes, moved.axes)
+
+
+def test_a_camera_that_shakes_is_followed_when_refined() -> None:
+    lobes = _scene()
+    shaken = _turned(lobes, Rotation.from_rotvec([0.0, math.radians(4), 0.0]))
+    scenes = [lobes, shaken, lobes]
+    maps = [texels.texel_means(each, HEIGHT, 2 * HEIGHT).float() for each in scenes]
+    frames = [exposed(each) for each in maps]
+    held = whole_shot.Refinement(gamma=1.0, rise=math.inf)  # more than ever, whatever it costs
+    refined, _ = whole_shot.refine_shot(stack(scenes), lambda: [frames], held)
+    assert float(_angles(refined.axes[1], shaken.axes).max()) < 0.01
