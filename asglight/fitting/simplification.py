@@ -32,7 +32,7 @@ from asglight.fitting.loss.measures import even_cells
 from asglight.fitting.loss.probes import PROBES, probe, shares, split
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import chosen
-from asglight.lobes.frames import orthonormal, parallel_transport
+from asglight.lobes.frames import orthonormal, transported
 from asglight.threads import side_by_side
 
 BUDGET = 1e-3
@@ -77,7 +77,8 @@ def leave_out(lobes: Lobes, budget: Tensor, threads: int = 1) -> Lobes:
         rounded = rounded_off(result)
         is_round, left = _simplified(result, rounded, left, flux, threads, taken_by_all=True)
         if bool(is_round.any()):
-            result = chosen(is_round[None], _transported(rounded), result)
+            rounded = replace(rounded, axes=transported(rounded.axes))
+            result = chosen(is_round[None], rounded, result)
     held = held_still(result)
     static, _ = _simplified(result, held, left, flux, threads, taken_by_all=False)
     return with_flux(chosen(static[None], held, result), flux, ~static)
@@ -140,14 +141,6 @@ def rounded_off(lobes: Lobes) -> Lobes:
         sharpness=torch.where(same, lobes.sharpness, sharpness.to(lobes.sharpness)),
         amplitude=torch.where(same, lobes.amplitude, amplitude.to(lobes.amplitude)),
     )
-
-
-def _transported(lobes: Lobes) -> Lobes:
-    """Give isotropic lobes frames that turn no more than their directions do.  [F, N, .]."""
-    frames = [lobes.axes[0]]
-    for axis_z in lobes.axis_z[1:]:
-        frames.append(parallel_transport(frames[-1], axis_z))
-    return replace(lobes, axes=torch.stack(frames))
 
 
 def held_still(lobes: Lobes) -> Lobes:

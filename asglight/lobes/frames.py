@@ -17,6 +17,10 @@ from torch import Tensor
 from asglight.lobes.data import Form, Lobes, stack
 from asglight.lobes.rectangles import turned_slant
 
+SINE_MIN = 1e-12
+"""Of the angle between two directions, above float64 rounding: below it their cross product has no
+direction of its own."""
+
 
 def axes_around(axis_z: Tensor) -> Tensor:
     """Complete unit z axes to right-handed orthonormal frames, x chosen without a preference.
@@ -104,6 +108,14 @@ def parallel_transport(axes: Tensor, axis_z: Tensor) -> Tensor:
     return orthonormal(torch.cat([turned[..., :2, :], axis_z[..., None, :]], dim=-2))
 
 
+def transported(axes: Tensor) -> Tensor:
+    """Return frames that turn no more than their directions do.  [T, ..., 3, 3]."""
+    found = [axes[0]]
+    for axis_z in axes[1:, ..., 2, :]:
+        found.append(parallel_transport(found[-1], axis_z))
+    return torch.stack(found)
+
+
 def quaternion_from_axes(axes: Tensor) -> Tensor:
     """Convert frames to unit quaternions (w, x, y, z) with w >= 0.  [..., 3, 3] -> [..., 4].
 
@@ -156,27 +168,62 @@ def continuous_quaternions(quaternions: Tensor) -> Tensor:
     return torch.cat([quaternions[:1], quaternions[1:] * signs[..., None]])
 
 
-def slerp(start: Tensor, end: Tensor, part: Tensor) -> Tensor:
-    """Turn frames evenly from one to another, the shorter way.
+def between(start: Tensor, end: Tensor, part: Tensor) -> Tensor:
+    """Turn frames evenly from one to another: axis_z along the great circle, and about axis_z.
 
-    [Shoemake 1985, "Animating rotation with quaternion curves"]
+    Swing and twist are kept apart. Slerp turns about one axis instead, by which a frame that also
+    turns about its axis_z leaves the great circle; and how a nearly round lobe turns about itself
+    is chance (docs/experiments/2026-11-29-what-moves-between-frames.md).
 
     Args:
         start: Frames.  [..., 3, 3]
-        end: Frames, less than 180 degrees from `start`.  [..., 3, 3]
+        end: Frames.  [..., 3, 3]
         part: How far, from 0 to 1.  [...]
 
     Returns:
         Frames.  [..., 3, 3]
     """
-    first, last = quaternion_from_axes(start), quaternion_from_axes(end)
-    last = torch.where((first * last).sum(-1, keepdim=True) < 0, -last, last)
-    # half the angle of the turn, from the chord: exact where the frames are nearly the same
-    angle = 2 * torch.asin(((last - first).norm(dim=-1) / 2).clamp(max=1))
-    # sin(p a) / sin(a) as a ratio of sinc, which is p itself where nothing turns
-    whole = torch.sinc(angle / torch.pi)
-    weights = [p * torch.sinc(p * angle / torch.pi) / whole for p in (1 - part, part)]
-    return axes_from_quaternion(weights[0][..., None] * first + weights[1][..., None] * last)
+    axis, swing, twist = swing_and_twist(start, end)
+    return _rotated(_twisted(start, part * twist), axis, part * swing)
+
+
+def swing_and_twist(start: Tensor, end: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Return how frames turn to others.
+
+    Args:
+        start: Frames.  [..., 3, 3]
+        end: Frames.  [..., 3, 3]
+
+    Returns:
+        The axis about which axis_z goes along the great circle, axis_x where the directions are
+        opposite [..., 3]; the angle by which it does [...]; and that of the turn about axis_z
+        itself [...]. In radians.
+    """
+    cross = torch.linalg.cross(start[..., 2, :], end[..., 2, :])
+    sine = cross.norm(dim=-1)
+    swing = torch.atan2(sine, (start[..., 2, :] * end[..., 2, :]).sum(-1))
+    # below it the angle is 0 or 180 degrees to rounding: any axis will do that is across
+    is_across = (sine > SINE_MIN)[..., None]
+    axis = torch.where(is_across, cross / sine.clamp(min=SINE_MIN)[..., None], start[..., 0, :])
+    swung = _rotated(start, axis, swing)
+    across, along = ((end[..., 0, :] * swung[..., k, :]).sum(-1) for k in (1, 0))
+    return axis, swing, torch.atan2(across, along)
+
+
+def _rotated(axes: Tensor, axis: Tensor, angle: Tensor) -> Tensor:
+    """Turn frames about unit axes, by Rodrigues' formula.  [..., 3, 3], [..., 3], [...]."""
+    about, angle = axis[..., None, :], angle[..., None, None]
+    along = (axes * about).sum(-1, keepdim=True) * about
+    across = torch.linalg.cross(about.expand_as(axes), axes)
+    return along + (axes - along) * angle.cos() + across * angle.sin()
+
+
+def _twisted(axes: Tensor, angle: Tensor) -> Tensor:
+    """Turn frames about their axis_z.  [..., 3, 3], [...]."""
+    axis_x, axis_y, axis_z = axes.unbind(-2)
+    cosine, sine = angle.cos()[..., None], angle.sin()[..., None]
+    turned = [cosine * axis_x + sine * axis_y, cosine * axis_y - sine * axis_x, axis_z]
+    return torch.stack(turned, dim=-2)
 
 
 def _to_canonical(lobes: Lobes) -> Tensor:

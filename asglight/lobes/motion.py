@@ -5,7 +5,7 @@ With s in [0, 1] from one frame to the next, a lobe has
 
     flux         (1 - s) Phi_0 + s Phi_1, in each channel
     sharpness    exp((1 - s) log s_0 + s log s_1), along each axis
-    frame        slerp(R_0, R_1, s): it turns evenly, the shortest way
+    frame        its direction goes evenly along the great circle, and it turns evenly about that
     slant        (1 - s) l_0 + s l_1, of keys
 
 and the amplitude is the flux over the integral of the unit lobe. Amplitude and sharpness are not
@@ -115,7 +115,7 @@ def _axes_between(start: Lobes, end: Lobes, part: Tensor) -> Tensor:
     axes = end.axes
     if start.form is Form.SG:
         axes = frames.parallel_transport(start.axes, end.axis_z)
-    return frames.slerp(start.axes, axes, part)
+    return frames.between(start.axes, axes, part)
 
 
 def _shaped(where: Tensor, lobes: Lobes, others: Lobes) -> Lobes:

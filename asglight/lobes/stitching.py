@@ -15,9 +15,9 @@ is put out or lit, for 1: a lobe that stays alone costs its share. Pairing saves
 which is min(p_i, p_j) (2 - d_ij^2), and the assignment with the largest sum is taken.
 
 Over the frames that both parts have, a pair goes over from one to the other evenly in time: flux
-linearly, so that every frame has the flux of the blend; frames by slerp, the logarithm of sharpness
-linearly. A lit pair that would have to turn too far is faded out and in as two tracks. Where such a
-track is dark before or after it may be another lobe: dark lobes turn unseen.
+linearly, so that every frame has the flux of the blend; frame and sharpness as in motion.py. A lit
+pair that would have to turn too far is faded out and in as two tracks. Where such a track is dark
+before or after it may be another lobe: dark lobes turn unseen.
 
 Dimension letters: F, G frames, K frames in both parts, N, M lobes.
 """
@@ -33,7 +33,7 @@ from torch import Tensor
 from asglight.errors import InputError
 from asglight.lobes import asg
 from asglight.lobes.data import Form, Lobes, LobeTracks, combined, first_unused, lobe_names
-from asglight.lobes.frames import align, continuous, slerp
+from asglight.lobes.frames import align, between, continuous
 from asglight.lobes.motion import exact, mixed
 
 CARRIED_DEG = 10.0
@@ -214,7 +214,7 @@ def _blend(before: Lobes, after: Lobes) -> Lobes:
 
 def _blended_axes(before: Lobes, after: Lobes) -> Tensor:
     """Return the frames of the blend of aligned lobes.  Two [K, ..., N, .] -> [K, ..., N, 3, 3]."""
-    return slerp(before.axes, after.axes, _parts_of(after))
+    return between(before.axes, after.axes, _parts_of(after))
 
 
 def _parts_of(lobes: Lobes) -> Tensor:

@@ -101,12 +101,37 @@ def test_continuous_quaternions_of_one_frame_are_those() -> None:
     assert torch.equal(frames.continuous_quaternions(one), one)
 
 
+def _swing_and_twist(start: Rotation, turn: Rotation) -> tuple[np.ndarray, float]:
+    """Return the rotation vector that turns z along the great circle, and the angle about it."""
+    ends = [one.apply([0.0, 0, 1]) for one in (start, turn * start)]
+    cross = np.cross(*ends)
+    swing = cross / np.linalg.norm(cross) * np.arctan2(np.linalg.norm(cross), np.dot(*ends))
+    left = start.inv() * Rotation.from_rotvec(swing).inv() * turn * start
+    return swing, float(left.as_rotvec()[2])
+
+
 @pytest.mark.parametrize("part", [0.0, 0.25, 0.5, 1.0])
-def test_slerp_turns_as_scipy_does(part: float) -> None:
-    start = lobe_samples.random_rotations(50, seed=1)
-    turns = np.random.default_rng(2).uniform(-1.5, 1.5, size=(50, 3))
-    turns[0], turns[1] = 0.0, 1e-9  # none, and less than rounding
-    end, expected = (Rotation.from_rotvec(scale * turns) * start for scale in (1, part))
-    parts = torch.full((50,), part, dtype=torch.float64)
-    found = frames.slerp(_axes(start), _axes(end), parts)
-    assert torch.allclose(found, _axes(expected), atol=1e-12)  # turns by up to 150 degrees
+def test_frames_turn_along_the_great_circle_and_evenly_about_their_direction(part: float) -> None:
+    turns = np.random.default_rng(2).uniform(-1.5, 1.5, size=(50, 3))  # by up to 150 degrees
+    for seed, vector in enumerate(turns):
+        start, turn = Rotation.random(rng=seed), Rotation.from_rotvec(vector)
+        swing, twist = _swing_and_twist(start, turn)
+        spun = start * Rotation.from_rotvec([0, 0, part * twist])
+        expected = Rotation.from_rotvec(part * swing) * spun
+        parts = torch.tensor(part, dtype=torch.float64)
+        found = frames.between(_axes(start), _axes(turn * start), parts)
+        np.testing.assert_allclose(found.numpy(), _axes(expected).numpy(), atol=1e-12)
+
+
+@pytest.mark.parametrize("part", [0.0, 0.5, 1.0])
+def test_frames_that_do_not_turn_or_turn_round_end_where_they_should(part: float) -> None:
+    start = lobe_samples.random_rotations(20, seed=1)
+    tiny = Rotation.from_rotvec(np.random.default_rng(3).uniform(-1e-14, 1e-14, (20, 3))) * start
+    parts = torch.full((20,), part, dtype=torch.float64)
+    for end in (start, tiny):
+        found = frames.between(_axes(start), _axes(end), parts)
+        np.testing.assert_allclose(found.numpy(), _axes(end).numpy(), atol=1e-13)
+    opposite = start * Rotation.from_rotvec([math.pi, 0, 0])  # z to -z, about x
+    found = frames.between(_axes(start), _axes(opposite), parts)
+    expected = start * Rotation.from_rotvec([part * math.pi, 0, 0])
+    np.testing.assert_allclose(found.numpy(), _axes(expected).numpy(), atol=1e-12)

@@ -4,14 +4,15 @@
 Between two frames a lobe's flux is linear and the logarithm of its sharpness too (lobes/motion.py),
 but a program interpolates each attribute by itself. Where what comes out strays by more than
 `span_errors` allows, samples are added, about the fewest that will do (`span_search`). Orientations
-need none; slerp is what the rule says.
+turn by slerp, so a lobe that also turns about its own direction needs samples on its way.
 
-A lobe that is black at one end needs none: its light goes up or down in one shape. Only where the
-black sample has another shape than the light beside it, one sample stands close to it.
+The light of a lobe that is black at one end needs none: it goes up or down in one shape. Only where
+the black sample has another shape than the light beside it, one sample stands close to it.
 
 Symbols: F frames, N lobes, S spans, M samples between frames, T samples of a lobe.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,7 +28,7 @@ from asglight.lobes.data import combined
 from asglight.usd.lights import cards
 from asglight.usd.lights.emission import intensity_and_color, tinted
 from asglight.usd.write.samples import DOT_MIN
-from asglight.usd.write.span_errors import FAINT, Flux, LobeSpans, Together
+from asglight.usd.write.span_errors import FAINT, MARGIN, TURN_DEG, Flux, LobeSpans, Together
 from asglight.usd.write.span_lights import CardSpans, DiscSpans
 from asglight.usd.write.span_search import STEPS, Inserted, Where, fewest_samples
 
@@ -125,12 +126,7 @@ class Shot:
             fewest_samples(one.where, LobeSpans.of(self._flux(one.where), one.lobes, one.moments))
             for one in self._bent_spans
         ]
-        # where rounding would decide which way is the shorter, the middle says it
-        turns = frames.quaternion_from_axes(self._lobes.axes)
-        is_half = (turns[1:] * turns[:-1]).sum(-1).abs() < DOT_MIN
-        halves = Where.of(self._lit & is_half)
-        half = Inserted(halves.place, halves.lobe, torch.full(halves.place.shape, STEPS // 2))
-        moved, merging = self._between([half, *inserted], self._beside_black())
+        moved, merging = self._between([self._turning(), *inserted], self._beside_black())
         return [Sampled(one.times, one.lobes(self._lobes, moved)) for one in merging]
 
     def of_cards(self, kinds: Sequence[cards.Kind]) -> list[SampledLight]:
@@ -155,17 +151,33 @@ class Shot:
                 inserted.append(fewest_samples(own.where, Together(of_kind)))
         return self._of_lights([*inserted, *self._slanting()])
 
+    def _turning(self) -> Inserted:
+        """Return the samples by which slerp keeps the direction of lobes: even steps, few enough.
+
+        Half-way between two samples slerp leaves the great circle by
+
+            sin delta = sin(a / 2) sin(b / 2) / (1 + cos(a / 2) cos(b / 2))
+
+        where the direction turns by a and the frame by b about it: about a b / 8, so with k steps
+        by a k^2-th of that.
+        """
+        axes = self._lobes.axes
+        _, swing, twist = frames.swing_and_twist(axes[:-1], axes[1:])
+        half_swing, half_twist = swing / 2, twist / 2
+        cosine = half_swing.cos() * half_twist.cos()  # of half of the whole turn
+        off = half_swing.sin() * half_twist.sin().abs() / (1 + cosine)
+        count = (off / math.radians(MARGIN * TURN_DEG)).sqrt().ceil().clamp(min=1)
+        # where rounding would decide which way is the shorter, the middle says it
+        count = torch.where(cosine.abs() < DOT_MIN, count.clamp(min=2), count)
+        is_dark = self._black[1:] & self._black[:-1]
+        return _even_steps(torch.where(is_dark, 1, count.long()))
+
     def _slanting(self) -> list[Inserted]:
         """Return the samples that keys need whose cards slant on: even steps, small enough."""
         if self._lobes.slant is None:
             return []
         change = (self._lobes.slant[1:] - self._lobes.slant[:-1]).abs().amax(-1) * self._lit
-        place, lobe = torch.nonzero(change > SLANT_STEP, as_tuple=True)
-        count = (change[place, lobe] / SLANT_STEP).ceil().long()
-        which = torch.repeat_interleave(torch.arange(len(place)), count - 1)
-        first = torch.cumsum(count - 1, 0) - (count - 1)
-        number = torch.arange(len(which)) - first[which] + 1
-        return [Inserted(place[which], lobe[which], STEPS * number // count[which])]
+        return [_even_steps((change / SLANT_STEP).ceil().clamp(min=1).long())]
 
     def of_distant(self, threefold: Sequence[bool]) -> list[SampledLight]:
         """Return each lobe, in the shapes of its light, with what its distant lights need.
@@ -319,6 +331,16 @@ class _Steps:
         """Pick spans."""
         moments = asg.Moments(*(one[index] for one in self.moments))
         return _Steps(self.where.at(index), self.lobes[index], moments)
+
+
+def _even_steps(count: Tensor) -> Inserted:
+    """Return the samples that cut spans into so many even steps.  [F - 1, N]."""
+    place, lobe = torch.nonzero(count > 1, as_tuple=True)
+    count = count[place, lobe].clamp(max=STEPS)
+    which = torch.repeat_interleave(torch.arange(len(place)), count - 1)
+    first = torch.cumsum(count - 1, 0) - (count - 1)
+    number = torch.arange(len(which)) - first[which] + 1
+    return Inserted(place[which], lobe[which], STEPS * number // count[which])
 
 
 def _in_order(

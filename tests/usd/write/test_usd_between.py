@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 import torch
 from pxr import Usd, UsdGeom
-from usd_tracks import moving, of_every_kind
+from scipy.spatial.transform import Rotation, Slerp
+from usd_tracks import moving, of_every_kind, rows
 
-from asglight.lobes import Form, Lobes, LobeTracks, asg, motion
+from asglight.lobes import Form, Lobes, LobeTracks, asg, frames, motion
 from asglight.usd import read_usd, schema, write_usd
 from asglight.usd.lights import cards, distant
 from asglight.usd.read.between import read_between, samples_between
@@ -260,9 +261,45 @@ def test_distant_lights_between_frames_are_those_of_lobes_in_motion(name, count,
 def test_nothing_lies_between_frames_where_lights_keep_their_shape(tmp_path) -> None:
     tracks = moving(range(1001, 1021), 3)  # by less than 10 degrees a frame
     tracks.lobes.sharpness[:] = tracks.lobes.sharpness[:1].clone()
+    for frame in range(1, 20):  # not about themselves
+        before, axis_z = tracks.lobes.axes[frame - 1], tracks.lobes.axis_z[frame]
+        tracks.lobes.axes[frame] = frames.parallel_transport(before, axis_z)
     report = write_usd(tracks, tmp_path / "shot.usda")
     assert report.samples_written > 0  # they turn and brighten
     assert report.samples_between == 0
+
+
+@pytest.mark.parametrize(
+    ("swing", "twist", "is_lit", "samples"),
+    [
+        (20.0, 0.0, True, 0),
+        (0.0, 40.0, True, 0),
+        (20.0, 40.0, True, 5),  # 1.8 degrees off; in six steps a 36th of it
+        (20.0, 40.0, False, 5),
+        (4.0, 10.0, True, 1),
+        (2.0, 5.0, True, 0),
+    ],
+)
+def test_a_lobe_that_turns_about_its_direction_has_samples_on_its_way(
+    swing: float, twist: float, is_lit: bool, samples: int
+) -> None:
+    start = Rotation.from_rotvec([0.4, 0.1, -0.3])
+    spun = start * Rotation.from_rotvec([0, 0, np.radians(twist)])
+    end = Rotation.from_rotvec(np.radians(swing) * start.apply([1.0, 0, 0])) * spun
+    axes = torch.from_numpy(np.stack([rows(one)[None] for one in (start, end)]))
+    light = torch.ones(2, 1, 3, dtype=torch.float64)
+    light[1] *= float(is_lit)
+    shape = torch.tensor([30.0, 10.0], dtype=torch.float64).expand(2, 1, 2)
+    (track,) = Shot(Lobes(axes, shape, light), np.array([1.0, 2.0])).of_lobes()
+    assert len(track.times) == 2 + samples
+    turns = Rotation.from_matrix(track.lobes.axes[:, 0].mT.numpy())
+    times = np.linspace(1, 2, 101)
+    shown = Slerp(track.times, turns)(times).apply([0.0, 0, 1])
+    ends = [one.apply([0.0, 0, 1]) for one in (start, end)]
+    axis = np.cross(*ends) if swing else np.array([1.0, 0, 0])
+    ways = np.radians(swing) * (times - 1)[:, None] * axis / np.linalg.norm(axis)
+    wanted = Rotation.from_rotvec(ways).apply(ends[0])
+    assert np.degrees(np.linalg.norm(shown - wanted, axis=-1)).max() < TURN_DEG / 2
 
 
 def test_a_light_that_flares_up_is_off_beside_the_darker_frame_alone(tmp_path) -> None:
