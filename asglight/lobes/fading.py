@@ -4,8 +4,8 @@
 Between a frame in which a light is lit and the next, in which it is dark, a program shows it fade.
 A lamp that goes out of sight moves on meanwhile, and a lobe that takes over part of a lamp comes
 along with it. So the first dark frame after a path, and the last one before a path, carry it on:
-with the turn of the nearest lobe that is lit in both frames, for lobes on one lamp move together;
-where none is near, with the turn of the path's own last two frames.
+with the turn of the lobe beside it on its lamp that is lit in both frames, for these move together;
+where there is none, with the turn of the path's own last two frames.
 """
 
 import itertools
@@ -16,7 +16,7 @@ from torch import Tensor
 
 from asglight.lobes.data import Lobes
 from asglight.lobes.frames import continuous
-from asglight.lobes.identity.near import nearest
+from asglight.lobes.identity.near import beside
 
 AT_ONCE = 256
 """Ends of paths that are looked at together: among 30 lobes, distances between them take 2 MB."""
@@ -48,10 +48,10 @@ def carried_on(lobes: Lobes) -> Lobes:
         ends = torch.tensor([end for _, _, _, end in part])
         # from the end of each path a step into the dark
         beyond = ends + torch.tensor([1 if end < first else -1 for _, first, _, end in part])
-        nearby, is_near = nearest(shot[ends], (lit[ends] & lit[beyond])[:, None])
+        nearest, is_led = beside(shot[ends], lit[ends] & lit[beyond])
         for place, (index, first, last, end) in enumerate(part):
-            near = int(nearby[place, index]) if bool(is_near[place, index]) else None
-            turn = _turn(shot, lit, index, end, int(beyond[place]), near)
+            leader = int(nearest[place, index]) if bool(is_led[place, index]) else None
+            turn = _turn(shot, lit, index, end, int(beyond[place]), leader)
             axes[first : last + 1, index] = shot.axes[end, index] @ turn.mT
             sharpness[first : last + 1, index] = shot.sharpness[end, index]
     return replace(shot, axes=axes, sharpness=sharpness)
@@ -77,7 +77,9 @@ def _dark_stretches(lit: list[bool]) -> list[tuple[int, int, int]]:
     return found
 
 
-def _turn(shot: Lobes, lit: Tensor, index: int, end: int, beyond: int, near: int | None) -> Tensor:
+def _turn(
+    shot: Lobes, lit: Tensor, index: int, end: int, beyond: int, leader: int | None
+) -> Tensor:
     """Return the rotation that carries a path on beyond one of its ends.  [3, 3].
 
     Args:
@@ -86,10 +88,10 @@ def _turn(shot: Lobes, lit: Tensor, index: int, end: int, beyond: int, near: int
         index: The track.
         end: The path's last frame, or its first.
         beyond: The dark frame next to it.
-        near: The lobe that it is near to, and that is lit in both; None for none.
+        leader: The lobe beside it on its lamp, lit in both; None for none.
     """
-    if near is not None:
-        return shot.axes[beyond, near].mT @ shot.axes[end, near]
+    if leader is not None:
+        return shot.axes[beyond, leader].mT @ shot.axes[end, leader]
     inner = 2 * end - beyond
     if not 0 <= inner < len(lit) or not bool(lit[inner, index]):
         return torch.eye(3).to(shot.axes)

@@ -83,6 +83,17 @@ def test_broad_lobes_that_change_places_fade_instead() -> None:
     assert lit.tolist() == [[True, True, False, False]] * 2 + [[False, False, True, True]] * 2
 
 
+def test_broad_lobes_that_change_places_while_a_lamp_fades_in_fade_too() -> None:
+    """The lamp changes irradiance by ten times what the broad lobes do."""
+    places = [[0, 70, 40, 180, 180]] * 2 + [[70, 0, 40, 180, 180]] * 2
+    light = [[1, 1, power, 0, 0] for power in (2, 5, 20, 20)]
+    given = shot(places, light, [BROAD, BROAD, LAMP, BROAD, BROAD])
+    found = switches_apart(given)
+    assert stray(found, 1) < 1e-3 < stray(given, 1) / 10
+    lit = (found.amplitude > 0).any(-1)
+    assert lit[2:].tolist() == [[False, False, True, True, True]] * 2
+
+
 @pytest.mark.parametrize("form", list(Form))
 def test_the_light_of_every_frame_stays_as_it_is(form: Form) -> None:
     given = replace(swapped(2), form=form)

@@ -262,17 +262,26 @@ def _followed(
     begun = torch.arange(len(stays), device=stays.device)[stays]
     is_new = begun >= len(guess.tracks)
     start = torch.where(is_new, 0, begun)
-    is_other = ~is_new & slots.is_other(fit.lobes, guess.own.select(start))
+    was = _shares(guess.own)
+    is_other = ~is_new & slots.is_other(
+        fit.lobes, guess.own.select(start), _shares(fit.lobes) / was[start]
+    )
     if len(stays) == len(guess.tracks) and not bool(is_other.any()):
         lit = ~temporal.is_dark(fit.lobes)  # one that ends may have gone anywhere meanwhile
         own = guess.tracks[begun[lit]]
         return replace(fit, lobes=_in_tracks(fit.lobes.select(lit), own, previous))
     origin = torch.where(is_new | is_other, -1, guess.tracks[start])
-    left = slots.is_other(reached, guess.own)
+    left = slots.is_other(reached, guess.own, _shares(reached) / was)
     left[start[is_other]] = True  # their tracks are as they were
     known = guess.before.replaced(guess.tracks, reached)
     known = known.replaced(guess.tracks[left], guess.own.select(left))
     return _in_own_tracks(fit, origin.tolist(), known, previous, free)
+
+
+def _shares(lobes: Lobes) -> Tensor:
+    """Return what part of the light of all each lobe has.  [N]."""
+    flux = asg.flux(lobes).sum(-1)
+    return flux / flux.sum()
 
 
 def _in_tracks(lobes: Lobes, tracks: Tensor, previous: Lobes) -> Lobes:

@@ -9,8 +9,6 @@ track are about as wide as each other: a card shows what is narrow, a dome what 
 track is shown by holds for the whole shot.
 """
 
-import math
-
 import torch
 from torch import Tensor
 
@@ -30,10 +28,14 @@ ROWS = 32
 """Of the images by which lobes are alike: lamps in one cell of 6 degrees are. With 64 rows irr is
 .768 and 1.038 of the same."""
 
-TURN, ALIKE = math.radians(10), 0.2
-"""A lobe that turned by more, and whose widths are less alike, is another light. Sky lobes that go
-to a lamp come to .11 or less, lamps that pass in `tunnel` to .3 or more. What light they have does
-not count: lobes of one lamp share it out anew in every frame."""
+ALIKE = 0.2
+"""A lobe whose widths are less alike is another light. Sky lobes that go to a lamp come to .11 or
+less, lamps that pass in `tunnel` to .3 or more."""
+
+FADED = 0.02
+"""A lobe that keeps a smaller share of its light, or had one, and turns by more than its width, is
+another light. Of lamps that fade over into each other it is .002 to .015. With .05 two lights of a
+police car, whose lobes share them out anew, were cut from their tracks."""
 
 FAR = 1e3
 """More than lobes can be unlike: 2 log(3e-4)^2 + pi^2 is 140."""
@@ -118,20 +120,25 @@ def track_for(light: Lobes, free: Tensor, dark: Tensor, taken: Tensor, known: Lo
     return int(torch.where(taken, torch.inf, rank).argmin())
 
 
-def is_other(lobes: Lobes, before: Lobes) -> Tensor:
+def is_other(lobes: Lobes, before: Lobes, light: Tensor) -> Tensor:
     """Tell which lobes have become another light.
 
-    A sky lobe that goes to a lamp that is switched on would sweep there between the frames. Widths
-    are as alike as the peaks of two Gaussians of one place are, one seen through the other.
+    A sky lobe that goes to a lamp which is switched on would sweep there between the frames. Widths
+    are as alike as the peaks of two Gaussians of one place are, one seen through the other. And a
+    lobe that has faded may drift: what is left of it does not say where the light went.
 
     Args:
         lobes: Lobes.  [K, .]
         before: Each of them one frame before.  [K, .]
+        light: Its share of the frame's light, over that one frame before.  [K]
     """
-    ratio = widths(lobes) / widths(before)
+    now, then = widths(lobes), widths(before)
+    ratio = now / then
     alike = (2 * ratio / (1 + ratio.square())).prod(-1)
     turn = torch.acos((lobes.axis_z * before.axis_z).sum(-1).clamp(-1, 1))
-    return (turn > TURN) & (alike < ALIKE)
+    brighter = torch.where(light < 1, then[..., 1], now[..., 1])
+    faded = (light > 0) & (torch.minimum(light, 1 / light) < FADED)
+    return (alike < ALIKE) | (faded & (turn > brighter))
 
 
 def widths(lobes: Lobes) -> Tensor:

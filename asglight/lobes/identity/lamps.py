@@ -7,6 +7,7 @@ lobes it takes. A lamp's place is the mean direction of its light; its width is 
 angle from there, that of its lobes included.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -14,6 +15,11 @@ from torch import Tensor
 
 from asglight.lobes import asg
 from asglight.lobes.data import Lobes
+
+BROAD = math.radians(15)
+"""Sigma, the root mean square of both axes, above which a lobe is broad and shows no lamp. Half-way
+between frames of lamps that fade over into each other irr is two thirds of what it is where broad
+lobes are judged with all others (switches.py)."""
 
 BRIGHT_SHARE = 0.1
 """Of the brightest on the way: where less is seen, something dark lies between two lamps. With 0.3
@@ -80,6 +86,11 @@ def lamps(lobes: Lobes, flux: Tensor) -> Lamps:
 def variance(lobes: Lobes) -> Tensor:
     """Return the mean square angle along each axis, at most 1.  [..., N, 2]."""
     return (1 / (asg.per_variance(lobes.form) * lobes.sharpness)).clamp(max=1.0)
+
+
+def is_broad(lobes: Lobes) -> Tensor:
+    """Tell which lobes are too broad to be on a lamp.  [..., N]."""
+    return variance(lobes).mean(-1) > BROAD**2
 
 
 def _connected(near: Tensor) -> Tensor:

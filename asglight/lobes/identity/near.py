@@ -1,47 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which lobes are on one lamp, those within each other's widths, and where they turn on to."""
+"""Which lobe is beside another on one lamp, and where lobes turn on to."""
 
 import torch
 from torch import Tensor
 
 from asglight.lobes import asg
 from asglight.lobes.data import Lobes
-
-WIDTH_MAX = 0.35
-"""Radians, 20 degrees: a broad lobe is near to lobes within these, not to half of the sphere."""
-
-
-REACH = 2.0
-"""Of lobes on one lamp, in the geometric mean of both widths: as far as two see that are as wide as
-each other, and less where one is much wider. A sky lobe about a lamp that is switched on turns by
-tens of degrees, and the lamp stays. Half-way between frames of lamps that chase each other, irr is
-half of what it is with the sum of both widths."""
+from asglight.lobes.identity.lamps import is_broad, lamps
+from asglight.lobes.motion import exact
 
 
-def nearest(lobes: Lobes, among: Tensor) -> tuple[Tensor, Tensor]:
-    """Return which of some lobes is nearest to each, in their widths.
+def beside(lobes: Lobes, among: Tensor) -> tuple[Tensor, Tensor]:
+    """Return which lobe on the same lamp is nearest to each.
+
+    A sky lobe about a lamp is none of it. It may turn by tens of degrees, and the lamp stays.
 
     Args:
-        lobes: Of one frame, or of several.  [..., N, .]
-        among: Which may be it, for all [N] or [..., 1, N], or for each lobe [..., N, N]; never the
-            lobe itself.
+        lobes: Of some frames.  [F, N, .]
+        among: Which may be it; never the lobe itself.  [F, N]
 
     Returns:
-        The index of the nearest, and whether it is within `REACH`.  [..., N] each
+        The index of the nearest, and whether there is one.  [F, N] each
     """
-    narrow = lobes.sharpness.amin(-1)
-    width = (asg.per_variance(lobes.form) * narrow).rsqrt().clamp(max=WIDTH_MAX)
-    angle = torch.acos((lobes.axis_z @ lobes.axis_z.mT).clamp(-1, 1))
-    itself = torch.eye(lobes.count, dtype=torch.bool, device=among.device)
-    both = (width[..., None, :] * width[..., None]).sqrt()
-    closest, index = torch.where(among & ~itself, angle / both, torch.inf).min(-1)
-    return index, closest < REACH
+    known = exact(lobes)
+    on = lamps(known, asg.flux(known).sum(-1)).number
+    others = ~torch.eye(lobes.count, dtype=torch.bool) & among[:, None].cpu()
+    on = torch.where(is_broad(known), -1, on)
+    same = (on[:, None] == on[..., None]) & (on >= 0)[..., None]
+    cosine = known.axis_z @ known.axis_z.mT
+    closest, index = torch.where(same & others, cosine, -torch.inf).max(-1)
+    return index.to(among.device), closest.isfinite().to(among.device)
 
 
 def onward(before: Lobes, earlier: Lobes, known: Tensor) -> Tensor:
     """Return where lobes are in the next frame if they turn on as they did.
 
-    A lobe that is new turns with the one that it is near to: lobes on one lamp move together.
+    A lobe that is new turns with the one beside it: lobes on one lamp move together.
 
     Args:
         before: The frame before.  [N, .]
@@ -51,11 +45,12 @@ def onward(before: Lobes, earlier: Lobes, known: Tensor) -> Tensor:
     Returns:
         Their axes z.  [N, 3]
     """
-    beside, is_near = nearest(before, known)
-    own = torch.arange(before.count, device=beside.device)
-    leader = torch.where(known | ~is_near, own, beside)
+    leader, turns = torch.arange(before.count, device=known.device), known
+    if not bool(known.all()):
+        nearest, is_led = (found[0] for found in beside(before[None], known[None]))
+        leader, turns = torch.where(known | ~is_led, leader, nearest), known | is_led
     turned = _along_great_circle(before.axis_z, earlier.axis_z[leader], before.axis_z[leader])
-    return torch.where((known | is_near)[:, None], turned, before.axis_z)
+    return torch.where(turns[:, None], turned, before.axis_z)
 
 
 def _along_great_circle(directions: Tensor, start: Tensor, end: Tensor) -> Tensor:

@@ -9,6 +9,9 @@ light moves it changes almost evenly from frame to frame. Where it would stray f
 half-way, the later frames of a lobe go to a free track: one light fades where it was, another where
 it is. The lobe whose turn makes irradiance stray most is the first.
 
+Broad lobes are judged among themselves. Where lamps fade, irradiance changes evenly, and by more
+than what a sky lobe sweeps.
+
 Symbols: G pairs of frames, K lobes, P directions, D normals.
 """
 
@@ -22,6 +25,7 @@ from torch import Tensor
 
 from asglight.lobes import asg, frames, motion
 from asglight.lobes.data import Lobes
+from asglight.lobes.identity.lamps import is_broad
 from asglight.sphere.quadrature import fibonacci_directions
 
 
@@ -69,7 +73,7 @@ class _Pair:
         lobes: Those that turn.  K
         stray: By how much each turn makes irradiance stray in the middle.  [K, D]
         change: Half of what each changes it by.  [K, D]
-        total: Half of what all lobes change it by, in the mean over normals.
+        total: Half of what all lobes change it by, or all broad ones, in the mean over normals.
         unseen: How much it may stray whatever moves.
     """
 
@@ -144,7 +148,7 @@ def fading_in_place(lobes: Lobes) -> Lobes:
 
 
 def _pairs(lobes: Lobes, marks: Tensor) -> Iterator[_Pair]:
-    """Yield the pairs of frames in which marked lobes turn.
+    """Yield the pairs of frames in which marked lobes turn, broad ones by themselves.
 
     Args:
         lobes: A shot.  [F, N, .]
@@ -152,22 +156,32 @@ def _pairs(lobes: Lobes, marks: Tensor) -> Iterator[_Pair]:
     """
     angle = (lobes.axis_z[1:] * lobes.axis_z[:-1]).sum(-1).clamp(-1, 1).acos()
     turns = marks & (angle > SETTINGS.turn)
+    broad = _are_broad(lobes)
     for some in torch.nonzero(turns.any(-1)).flatten().split(AT_ONCE):
         numbers = torch.cat([some, some + 1]).unique()
         seen = _irradiance(motion.exact(lobes[numbers]))
         before, after = (seen[torch.searchsorted(numbers, some + step)] for step in (0, 1))
-        total = ((after - before).sum(1) / 2).abs().mean(-1)
+        changes = (after - before) / 2
         unseen = SETTINGS.unseen * (after + before).sum(1).mean(-1) / 2
         place, lobe = torch.nonzero(turns[some], as_tuple=True)
         first, last = (motion.exact(lobes[some[place] + step, lobe]) for step in (0, 1))
         middle = motion.between(first, frames.align(last, first), torch.tensor(0.5))
         stray = _irradiance(middle) - (before + after)[place, lobe] / 2
-        change = (after - before)[place, lobe] / 2
         for index, frame in enumerate(some.tolist()):
-            own = place == index
-            yield _Pair(
-                frame, lobe[own].tolist(), stray[own], change[own], total[index], unseen[index]
-            )
+            turning, every = broad[frame, lobe], torch.ones_like(broad[frame])
+            for counts, alike in ((every, ~turning), (broad[frame], turning)):
+                own = (place == index) & alike
+                if bool(own.any()):
+                    total = changes[index, counts].sum(0).abs().mean(-1)
+                    change = changes[index, lobe[own]]
+                    yield _Pair(frame, lobe[own].tolist(), stray[own], change, total, unseen[index])
+
+
+def _are_broad(lobes: Lobes) -> Tensor:
+    """Tell which lobes are broad in two frames, as far as they are lit there.  [F - 1, N]."""
+    black = motion.is_black(lobes)
+    broad = is_broad(lobes) | black
+    return broad[1:] & broad[:-1] & ~(black[1:] & black[:-1])
 
 
 def _straying(pair: _Pair, most: Tensor, enough: Tensor) -> Iterator[int]:

@@ -137,20 +137,27 @@ def test_a_sky_fitted_afresh_is_not_the_sun_that_stays() -> None:
 
 
 @pytest.mark.parametrize(
-    ("degrees", "sharpness", "is_other"),
+    ("degrees", "sharpness", "light", "is_other"),
     [
-        (40, (1.0, 400.0), True),  # a sky lobe that goes to a lamp
-        (9, (1.0, 400.0), False),  # there already
-        (40, (400.0, 300.0), False),  # a lamp that moves by far
-        (40, (400.0, 1.0), True),
+        (40, (1.0, 400.0), 1.0, True),  # a sky lobe that goes to a lamp
+        (9, (1.0, 400.0), 1.0, True),  # to one within it
+        (40, (400.0, 300.0), 1.0, False),  # a lamp that moves by far
+        (40, (400.0, 1.0), 1.0, True),
+        (5, (400.0, 300.0), 0.01, True),  # what is left of a lamp that faded has drifted
+        (5, (300.0, 400.0), 100.0, True),
+        (1, (400.0, 300.0), 0.01, False),  # by less than its width, 2 degrees
+        (5, (400.0, 300.0), 0.05, False),
+        (5, (400.0, 300.0), 0.0, False),  # gone: fading.py says where to
     ],
 )
-def test_a_lobe_that_goes_far_and_changes_its_widths_is_another_light(
-    degrees: float, sharpness: tuple[float, ...], is_other: bool
+def test_a_lobe_of_other_widths_or_one_that_faded_and_drifts_is_another_light(
+    degrees: float, sharpness: tuple[float, ...], light: float, is_other: bool
 ) -> None:
     angle = math.radians(degrees)
     places = [(0.0, 0.0, 1.0), (math.sin(angle), 0.0, math.cos(angle))]
     before, after = (
-        lamps([place], [narrow], [1.0]) for place, narrow in zip(places, sharpness, strict=True)
+        lamps([place, (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)], [narrow, 5.0, 5.0], [1.0] * 3)
+        for place, narrow in zip(places, sharpness, strict=True)
     )
-    assert slots.is_other(after, before).tolist() == [is_other]
+    found = slots.is_other(after, before, torch.tensor([light, 1.0, 0.001]))
+    assert found.tolist() == [is_other, False, False]
