@@ -28,9 +28,17 @@ from asglight.lobes.data import combined
 from asglight.usd.lights import cards
 from asglight.usd.lights.emission import intensity_and_color, tinted
 from asglight.usd.write.samples import DOT_MIN
-from asglight.usd.write.span_errors import FAINT, MARGIN, TURN_DEG, Flux, LobeSpans, Together
+from asglight.usd.write.span_errors import (
+    FAINT,
+    MARGIN,
+    RADIANCE,
+    TURN_DEG,
+    Flux,
+    LobeSpans,
+    Together,
+)
 from asglight.usd.write.span_lights import CardSpans, DiscSpans
-from asglight.usd.write.span_search import STEPS, Inserted, Where, fewest_samples
+from asglight.usd.write.span_search import STEPS, Inserted, Where, even_steps, fewest_samples
 
 SMALL = 5e-4
 """Changes x of log sharpness and y of log flux in a span with x (x + y) below this are within half
@@ -74,6 +82,19 @@ class Sampled:
 
 
 @dataclass(frozen=True)
+class SampledLobe:
+    """What a lobe is at its frames and between them.
+
+    Attributes:
+        shape: With the samples that its sharpness and amplitude need.
+        turns: With those that its orientation needs.
+    """
+
+    shape: Sampled
+    turns: Sampled
+
+
+@dataclass(frozen=True)
 class SampledLight(Sampled):
     """A lobe in the shapes of its light.
 
@@ -105,10 +126,10 @@ class Shot:
         bright = flux.maximum(self._faint[:, None])
         light = torch.where(self._lit, bright[1:] / bright[:-1], 1.0).log().abs()
         # how much an error counts, where a lobe is faint at both ends
-        ratio = flux / bright
-        weight = torch.maximum(ratio[1:], ratio[:-1])
+        ratio = (flux / bright).nan_to_num(0.0)  # of a frame that is black
+        self._weight = torch.maximum(ratio[1:], ratio[:-1])
         is_tinted = self._changes_of_colour() > TINTED
-        self._bent = self._lit & ((weight * shape * (shape + light) > SMALL) | is_tinted)
+        self._bent = self._lit & ((self._weight * shape * (shape + light) > SMALL) | is_tinted)
         self._reshaped = self._lit & ((shape > SAME) | is_tinted)
         bounds = torch.tensor(CHANGES, dtype=shape.dtype)
         self._places = torch.tensor(PLACES)[torch.bucketize(shape, bounds)]
@@ -120,14 +141,15 @@ class Shot:
         brightening = ((peak[1:] - peak[:-1]).abs() / least).log1p()
         return (color[1:] - color[:-1]).abs().amax(-1) * brightening
 
-    def of_lobes(self) -> list[Sampled]:
+    def of_lobes(self) -> list[SampledLobe]:
         """Return each lobe with the samples that its own attributes need.  N."""
         inserted = [
             fewest_samples(one.where, LobeSpans.of(self._flux(one.where), one.lobes, one.moments))
             for one in self._bent_spans
         ]
-        moved, merging = self._between([self._turning(), *inserted], self._beside_black())
-        return [Sampled(one.times, one.lobes(self._lobes, moved)) for one in merging]
+        shapes = self._sampled(inserted, self._beside_black())
+        turns = self._sampled([self._turning()], torch.zeros_like(self._lit, dtype=torch.long))
+        return list(map(SampledLobe, shapes, turns))
 
     def of_cards(self, kinds: Sequence[cards.Kind]) -> list[SampledLight]:
         """Return each lobe, in the shapes of its light, with the samples that its cards need.
@@ -159,25 +181,30 @@ class Shot:
             sin delta = sin(a / 2) sin(b / 2) / (1 + cos(a / 2) cos(b / 2))
 
         where the direction turns by a and the frame by b about it: about a b / 8, so with k steps
-        by a k^2-th of that.
+        by a k^2-th of that. A Gaussian aside by delta differs in its radiance, integrated over all
+        directions, by sqrt(2 / pi) delta / sigma of its flux.
         """
         axes = self._lobes.axes
         _, swing, twist = frames.swing_and_twist(axes[:-1], axes[1:])
         half_swing, half_twist = swing / 2, twist / 2
         cosine = half_swing.cos() * half_twist.cos()  # of half of the whole turn
         off = half_swing.sin() * half_twist.sin().abs() / (1 + cosine)
-        count = (off / math.radians(MARGIN * TURN_DEG)).sqrt().ceil().clamp(min=1)
+        narrow = (asg.per_variance(self._lobes.form) * self._lobes.sharpness.amax(-1)).rsqrt()
+        sigma = torch.minimum(narrow[1:], narrow[:-1])
+        of_radiance = math.sqrt(math.pi / 2) * RADIANCE * sigma / self._weight
+        allowed = MARGIN * of_radiance.clamp(max=math.radians(TURN_DEG))
+        count = (off / allowed).sqrt().ceil().clamp(min=1)
         # where rounding would decide which way is the shorter, the middle says it
         count = torch.where(cosine.abs() < DOT_MIN, count.clamp(min=2), count)
         is_dark = self._black[1:] & self._black[:-1]
-        return _even_steps(torch.where(is_dark, 1, count.long()))
+        return even_steps(torch.where(is_dark, 1, count.long()))
 
     def _slanting(self) -> list[Inserted]:
         """Return the samples that keys need whose cards slant on: even steps, small enough."""
         if self._lobes.slant is None:
             return []
         change = (self._lobes.slant[1:] - self._lobes.slant[:-1]).abs().amax(-1) * self._lit
-        return [_even_steps((change / SLANT_STEP).ceil().clamp(min=1).long())]
+        return [even_steps((change / SLANT_STEP).ceil().clamp(min=1).long())]
 
     def of_distant(self, threefold: Sequence[bool]) -> list[SampledLight]:
         """Return each lobe, in the shapes of its light, with what its distant lights need.
@@ -244,6 +271,11 @@ class Shot:
         differ = sharpness.any(-1)
         first, last = self._black[:-1], self._black[1:]
         return torch.where(differ, (last & ~first).long() - (first & ~last).long(), 0)
+
+    def _sampled(self, inserted: Sequence[Inserted], beside: Tensor) -> list[Sampled]:
+        """Return lobes at frames and between, as `_between`."""
+        moved, merging = self._between(inserted, beside)
+        return [Sampled(one.times, one.lobes(self._lobes, moved)) for one in merging]
 
     def _of_lights(self, inserted: Sequence[Inserted]) -> list[SampledLight]:
         """Return lobes in the shapes that their lights have: black ones, those of a lit frame."""
@@ -331,16 +363,6 @@ class _Steps:
         """Pick spans."""
         moments = asg.Moments(*(one[index] for one in self.moments))
         return _Steps(self.where.at(index), self.lobes[index], moments)
-
-
-def _even_steps(count: Tensor) -> Inserted:
-    """Return the samples that cut spans into so many even steps.  [F - 1, N]."""
-    place, lobe = torch.nonzero(count > 1, as_tuple=True)
-    count = count[place, lobe].clamp(max=STEPS)
-    which = torch.repeat_interleave(torch.arange(len(place)), count - 1)
-    first = torch.cumsum(count - 1, 0) - (count - 1)
-    number = torch.arange(len(which)) - first[which] + 1
-    return Inserted(place[which], lobe[which], STEPS * number // count[which])
 
 
 def _in_order(

@@ -28,7 +28,7 @@ from asglight.usd.options import KeyLights, StageOptions
 from asglight.usd.schema import Representation
 from asglight.usd.spaces import Space, space_for, to_stage
 from asglight.usd.write.authoring import TrackAuthor, constant
-from asglight.usd.write.between import Sampled, Shot
+from asglight.usd.write.between import SampledLobe, Shot
 from asglight.usd.write.keys import WrittenKeys
 from asglight.usd.write.stage_metadata import author_asset, author_stage_metadata, custom_data
 from asglight.usd.write.staging import relative_names
@@ -142,19 +142,18 @@ def continuous(lobes: Lobes, *, keeps_first: bool = False) -> Lobes:
     return frames.continuous(exact(lobes), keeps_first=keeps_first)
 
 
-def lobe_tracks(lobes: Lobes) -> dict[str, Tensor]:
-    """Return the attributes that say what each lobe is.
-
-    Args:
-        lobes: Lobes of F frames, continuous in time.  [F, N, .]
+def lobe_tracks(one: SampledLobe) -> dict[str, tuple[Tensor, NDArray[np.float64]]]:
+    """Return the attributes that say what a lobe is, and the times of each.
 
     Returns:
-        Quaternions [F, N, 4], sharpness [F, N, 2] and amplitude [F, N, 3].
+        Quaternions [T, 4], sharpness [T, 2] and amplitude [T, 3].
     """
+    turns, shape = one.turns, one.shape
+    quaternions = frames.quaternion_from_axes(turns.lobes.axes)
     return {
-        schema.ORIENT: frames.continuous_quaternions(frames.quaternion_from_axes(lobes.axes)),
-        schema.SHARPNESS: lobes.sharpness,
-        schema.AMPLITUDE: lobes.amplitude,
+        schema.ORIENT: (frames.continuous_quaternions(quaternions)[:, 0], turns.times),
+        schema.SHARPNESS: (shape.lobes.sharpness[:, 0], shape.times),
+        schema.AMPLITUDE: (shape.lobes.amplitude[:, 0], shape.times),
     }
 
 
@@ -243,21 +242,20 @@ def author_display_names(
 
 
 def author_in(
-    author: TrackAuthor, scope: Sdf.PrimSpec, names: Sequence[str], lobes: Sequence[Sampled]
+    author: TrackAuthor, scope: Sdf.PrimSpec, names: Sequence[str], lobes: Sequence[SampledLobe]
 ) -> None:
     """Author what lobes are, as prims of a scope."""
     for name, one in zip(names, lobes, strict=True):
-        tracks = lobe_tracks(one.lobes)
         lobe = Sdf.PrimSpec(scope, name, Sdf.SpecifierDef)
         lobe.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=[schema.LOBE_API]))
-        constant(lobe, schema.FORM, str(one.lobes.form))
+        constant(lobe, schema.FORM, str(one.shape.lobes.form))
         authored = [
-            author.track(lobe, attribute, tracks[attribute][:, 0], LOBE_TOLERANCE, one.times)
-            for attribute in schema.LOBE_TRACKS
+            author.track(lobe, attribute, values, LOBE_TOLERANCE, times)
+            for attribute, (values, times) in lobe_tracks(one).items()
         ]
-        for attribute, values in slant_tracks(one.lobes).items():
-            tracked = author.track(lobe, attribute, values[:, 0], SLANT_TOLERANCE, one.times)
-            authored.append(tracked)
+        for attribute, values in slant_tracks(one.shape.lobes).items():
+            times = one.shape.times
+            authored.append(author.track(lobe, attribute, values[:, 0], SLANT_TOLERANCE, times))
         author_digest(lobe, digest_of_values(authored))
 
 

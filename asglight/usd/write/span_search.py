@@ -83,6 +83,16 @@ class _Steps(NamedTuple):
         return _Steps(*(one[index] for one in self))
 
 
+def even_steps(count: Tensor) -> Inserted:
+    """Return the samples that cut spans into so many even steps.  [F - 1, N]."""
+    place, lobe = torch.nonzero(count > 1, as_tuple=True)
+    count = count[place, lobe].clamp(max=STEPS)
+    which = torch.repeat_interleave(torch.arange(len(place)), count - 1)
+    first = torch.cumsum(count - 1, 0) - (count - 1)
+    number = torch.arange(len(which)) - first[which] + 1
+    return Inserted(place[which], lobe[which], STEPS * number // count[which])
+
+
 def fewest_samples(spans: Where, errors: Spans) -> Inserted:
     """Return about the fewest samples with which errors of spans are within what is allowed.
 

@@ -268,9 +268,10 @@ def test_numbers_that_no_light_can_have_are_told_by_name_and_not_written(
 ):
     """Such numbers are a bug of whoever derives them; here the bug is made."""
 
-    def broken(lobes):
-        tracks = lobe_tracks(lobes)
-        tracks["asg:sharpness"] = torch.tensor([[50.0, bad]]).expand(len(lobes.axes), 1, 2)
+    def broken(one):
+        tracks = lobe_tracks(one)
+        times = tracks["asg:sharpness"][1]
+        tracks["asg:sharpness"] = torch.tensor([[50.0, bad]]).expand(len(times), 2), times
         return tracks
 
     lobe_tracks = layer.lobe_tracks

@@ -167,9 +167,9 @@ def _tracks(
     own = [paths[index] for index in chosen]
     shot = Shot(lobes, np.asarray(tracks.frames, dtype=np.float64))
     for path, one in zip(own, shot.of_lobes(), strict=True):
-        for name, values in layer.lobe_tracks(one.lobes).items():
+        for name, (values, times) in layer.lobe_tracks(one).items():
             target = path.AppendProperty(name)
-            yield AttributeTrack(target, None, values[:, 0], one.times, layer.LOBE_TOLERANCE)
+            yield AttributeTrack(target, None, values, times, layer.LOBE_TOLERANCE)
     lights: dict[Representation, list[layer.TimedLights]] = {}
     if Representation.CARDS in below.options.held:
         distance, kinds = below.options.card_distance, below.kinds_of(chosen)

@@ -198,10 +198,11 @@ def _built(below: _Source, changes: LobeChanges, kept: list[int]) -> tuple[Sdf.L
         of_kept = [below.paths[index] for index in kept]
         for path, one, (of_key, times) in zip(of_kept, shot.of_lobes(), lights, strict=True):
             prim = Sdf.CreatePrimInLayer(built, path)
-            for name, values in layer.lobe_tracks(one.lobes).items():
-                author.track(prim, name, values[:, 0], layer.LOBE_TOLERANCE, one.times)
-            for name, values in layer.slant_tracks(one.lobes).items():
-                author.track(prim, name, values[:, 0], layer.SLANT_TOLERANCE, one.times)
+            for name, (values, own_times) in layer.lobe_tracks(one).items():
+                author.track(prim, name, values, layer.LOBE_TOLERANCE, own_times)
+            shape = one.shape
+            for name, values in layer.slant_tracks(shape.lobes).items():
+                author.track(prim, name, values[:, 0], layer.SLANT_TOLERANCE, shape.times)
             for light in of_key:
                 constant(prim, schema.OP_ORDER, [schema.ORIENT, *light.ops])
                 for name, values in light.tracks.items():
