@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The window at five sizes and in both themes: nothing outside, large balls, readable text."""
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -140,11 +141,16 @@ def test_the_switches_of_a_lobe_are_on_the_line_of_its_name(drive: Drive) -> Non
     drive(script)
 
 
+TOOLTIP_S = 20.0
+"""Seconds, at most, until a tooltip is there. It comes after a delay, however fast frames are."""
+
+
 def tooltip_of(test: Any, item: str) -> Any:
     """Point at an item and return the window of its tooltip."""
     test.mouse_move(item)
     imgui.get_io().config_input_trickle_event_queue = False
-    for _ in range(200):
+    end = time.monotonic() + TOOLTIP_S
+    while time.monotonic() < end:
         test.yield_()
         windows_shown = imgui.get_current_context().windows
         tips = [w for w in windows_shown if "Tooltip" in w.name and w.active]
