@@ -34,8 +34,7 @@ less, lamps that pass in `tunnel` to .3 or more."""
 
 FADED = 0.02
 """A lobe that keeps a smaller share of its light, or had one, and turns by more than its width, is
-another light. Of lamps that fade over into each other it is .002 to .015. With .05 two lights of a
-police car, whose lobes share them out anew, were cut from their tracks."""
+another light. Of lamps that fade over into each other it is .002 to .015."""
 
 FAR = 1e3
 """More than lobes can be unlike: 2 log(3e-4)^2 + pi^2 is 140."""

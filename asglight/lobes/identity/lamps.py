@@ -18,7 +18,7 @@ from asglight.lobes.data import Lobes
 
 BROAD = math.radians(15)
 """Sigma, the root mean square of both axes, above which a lobe is broad and shows no lamp. Half-way
-between frames of lamps that fade over into each other irr is two thirds of what it is where broad
+between frames of lamps that fade over into each other irr is .6 to .9 of what it is where broad
 lobes are judged with all others (switches.py)."""
 
 BRIGHT_SHARE = 0.1
