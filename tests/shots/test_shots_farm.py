@@ -2,8 +2,6 @@
 """Shots on a Dask cluster: what one machine writes by hand, whatever happens on the way."""
 
 import contextlib
-import os
-import signal
 import socket
 import subprocess
 import sys
@@ -11,10 +9,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import cloudpickle
 import dask.config
 import distributed
+import dying_worker
 import farm_files
 import loaded
 import pytest
@@ -258,29 +258,19 @@ def test_the_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_worker_that_is_killed_costs_nothing(
-    source: Path, by_hand: bytes, address: str, tmp_path: Path
+    source: Path, by_hand: bytes, address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The kernel ends a process that is some frames into a part: no Python of it runs any more.
-
-    It is the last test of the cluster, which has one worker from here on.
-    """
+    """It is the last test of the cluster, which has one worker from here on."""
     events: list[Event] = []
-    fitting = lambda dask_worker: any(  # noqa: E731  # a function of this file is not found there
-        task.key.startswith("asglight-fit") for task in dask_worker.state.executing
-    )
+    take = farm._Run._take
 
-    killed: list[str] = []
+    def take_and_tell(run: farm._Run, news: dict[str, Any]) -> None:
+        take(run, news)
+        dying_worker.told(tmp_path / "shot.usda.parts", news)
 
-    def kill_one(event: Event) -> None:
-        if not killed and isinstance(event, Farmed) and event.done >= 4:
-            with distributed.Client(address, set_as_default=False) as client:
-                found = client.run(fitting)
-                killed.extend([name for name, fits in found.items() if fits][:1])
-                for busy in killed:  # none where both only follow the lobes to their parts
-                    os.kill(client.run(os.getpid, workers=[busy])[busy], signal.SIGKILL)
-        events.append(event)
-
-    on_farm(source, tmp_path / "shot.usda", address, kill_one)
+    monkeypatch.setattr(farm._Run, "_take", take_and_tell)
+    monkeypatch.setattr(farm, "_fit", dying_worker.fit)
+    on_farm(source, tmp_path / "shot.usda", address, events.append)
     assert [event for event in events if isinstance(event, Notice) and "begun again" in event.text]
     assert (tmp_path / "shot.usda").read_bytes() == by_hand
     done = [event for event in events if isinstance(event, Farmed)]
