@@ -5,12 +5,13 @@ Now and then the lobes of a sky share its light out anew. One turns by tens of d
 fill the place that it left. Between the frames its track would sweep over the sphere.
 
 Irradiance tells such a switch from light that moves. It is a mean over half of the sphere, so where
-light moves it changes almost evenly from frame to frame. Where it would stray from an even change
-half-way, the later frames of a lobe go to a free track: one light fades where it was, another where
-it is. The lobe whose turn makes irradiance stray most is the first.
+light moves it is smooth in time: half-way between two frames it is near the cubic through these two
+and their neighbours. Where the turns of lobes make it miss that, the later frames of a lobe go to a
+free track: one light fades where it was, another where it is. The lobe whose turn is most at odds
+with the cubic is the first.
 
-Broad lobes are judged among themselves. Where lamps fade, irradiance changes evenly, and by more
-than what a sky lobe sweeps.
+Broad lobes are judged by the irradiance of broad lobes first. Where lamps come and go, that of all
+lobes is smooth no more, and changes by more than what a sky lobe sweeps.
 
 Symbols: G pairs of frames, K lobes, P directions, D normals.
 """
@@ -19,6 +20,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -36,19 +38,10 @@ class SwitchSettings:
     Attributes:
         turn: Radians by which a lobe turns that may be another light. By less, turning and fading
             look the same.
-        stray: Share of half the change of irradiance by which it may stray half-way. Of lamps that
-            pass in every second frame of `tunnel`, and of cameras that pan by 10 to 30 degrees a
-            frame, it is at most 0.25; of switches in `handheld`, 0.33 to 1.
-        alone: How much more it may stray than by what each lobe strays in its own change. A lamp
-            alone that turns by 60 degrees strays by 0.45, and so do all lobes of a camera that pans
-            by as much.
-        unseen: Share of the mean irradiance by which it may stray whatever moves: what fits of
-            single frames are off by.
+        unseen: Share of the mean irradiance by which fits of single frames are off.
     """
 
     turn: float = math.radians(10)
-    stray: float = 0.3
-    alone: float = 1.25
     unseen: float = 5e-4
 
 
@@ -64,36 +57,41 @@ AT_ONCE = 64
 """Pairs of frames. What 15 lobes of each send in all directions takes 4 MB."""
 
 
+class _Cubic(NamedTuple):
+    """How far irradiance is from an even change half-way, on the cubic through four frames.
+
+    Attributes:
+        expected: That.  [..., D]
+        variance: Of it, in the mean over normals.  [...]
+    """
+
+    expected: Tensor
+    variance: Tensor
+
+    def at(self, index: int) -> "_Cubic":
+        """Return one of several."""
+        return _Cubic(self.expected[index], self.variance[index])
+
+
 @dataclass(frozen=True)
 class _Pair:
     """What a pair of frames shows.
 
     Attributes:
         frame: The first of them.
-        lobes: Those that turn.  K
-        stray: By how much each turn makes irradiance stray in the middle.  [K, D]
-        change: Half of what each changes it by.  [K, D]
-        total: Half of what all lobes change it by, or all broad ones, in the mean over normals.
-        unseen: How much it may stray whatever moves.
+        lobes: Those that turn.  [K]
+        stray: By how much each turn makes irradiance stray from an even change, half-way.  [K, D]
+        broad: Which of them are broad.  [K]
+        sky: The cubic of the irradiance of broad lobes.
+        all: That of all lobes.
     """
 
     frame: int
-    lobes: list[int]
+    lobes: Tensor
     stray: Tensor
-    change: Tensor
-    total: Tensor
-    unseen: Tensor
-
-    @property
-    def moved(self) -> Tensor:
-        """How much it strays if these lobes are all that moves."""
-        alone = self.total * self.stray.abs().sum() / self.change.abs().sum()
-        return torch.maximum(alone, self.unseen)
-
-    @property
-    def most(self) -> Tensor:
-        """How much it may stray."""
-        return torch.maximum(SETTINGS.stray * self.total, self.unseen)
+    broad: Tensor
+    sky: _Cubic
+    all: _Cubic
 
 
 def switches_apart(lobes: Lobes) -> Lobes:
@@ -110,8 +108,7 @@ def switches_apart(lobes: Lobes) -> Lobes:
     order = torch.arange(lobes.count).repeat(len(lobes.axes), 1)
     lit = ~motion.is_black(lobes)
     for pair in _pairs(lobes, lit[1:] & lit[:-1]):
-        most = torch.maximum(pair.most, SETTINGS.alone * pair.moved)
-        for lobe in _straying(pair, most, enough=pair.moved):
+        for lobe in _straying(pair):
             track = int((order[pair.frame + 1] == lobe).nonzero())
             free = _free_track(lobes, lit, order, pair.frame, lobe)
             if free is not None:
@@ -120,10 +117,7 @@ def switches_apart(lobes: Lobes) -> Lobes:
 
 
 def fading_in_place(lobes: Lobes) -> Lobes:
-    """Let a lobe fade where it is, if its path is carried on to where no light goes.
-
-    That is a path by which irradiance strays by too much of what the lobe itself changes it by, or
-    all lobes together do: one that was turned by 40 degrees is no lamp that goes on as far.
+    """Let a lobe fade where it is, if irradiance speaks against the path that it is carried on by.
 
     Args:
         lobes: A shot, `fading.carried_on`.  [F, N, .]
@@ -138,70 +132,95 @@ def fading_in_place(lobes: Lobes) -> Lobes:
     fades[1:] &= ~alone
     fades[:-1] &= ~alone
     for pair in _pairs(lobes, fades):
-        own = pair.stray.abs().mean(-1) > SETTINGS.stray * pair.change.abs().mean(-1)
-        far = [lobe for lobe, is_far in zip(pair.lobes, own.tolist(), strict=True) if is_far]
-        for lobe in {*far, *_straying(pair, pair.most, enough=pair.most)}:
-            first, last = pair.frame, pair.frame + 1
+        first, last = pair.frame, pair.frame + 1
+        for lobe in _straying(pair):
             dark, shines = (last, first) if lit[first, lobe] else (first, last)
             axes[dark, lobe] = axes[shines, lobe]
     return replace(lobes, axes=axes)
 
 
 def _pairs(lobes: Lobes, marks: Tensor) -> Iterator[_Pair]:
-    """Yield the pairs of frames in which marked lobes turn, broad ones by themselves.
+    """Yield the pairs of frames in which marked lobes turn; none of a shot of two frames.
 
     Args:
         lobes: A shot.  [F, N, .]
         marks: Lobes from one frame to the next.  [F - 1, N]
     """
+    count = len(lobes.axes)
     angle = (lobes.axis_z[1:] * lobes.axis_z[:-1]).sum(-1).clamp(-1, 1).acos()
     turns = marks & (angle > SETTINGS.turn)
-    broad = _are_broad(lobes)
+    if count < 3:
+        return
     for some in torch.nonzero(turns.any(-1)).flatten().split(AT_ONCE):
-        numbers = torch.cat([some, some + 1]).unique()
-        seen = _irradiance(motion.exact(lobes[numbers]))
-        before, after = (seen[torch.searchsorted(numbers, some + step)] for step in (0, 1))
-        changes = (after - before) / 2
-        unseen = SETTINGS.unseen * (after + before).sum(1).mean(-1) / 2
+        around = (some[:, None] + torch.arange(-1, 3)).clamp(0, count - 1)
+        numbers = around.unique()
+        at = torch.searchsorted(numbers, around)  # [G, 4]
+        seen, broad = _irradiance(motion.exact(lobes[numbers])), is_broad(lobes[numbers])
+        ends = some == 0, some == count - 2
+        sky = _cubic((seen * broad[..., None]).sum(1)[at], *ends)
+        every = _cubic(seen.sum(1)[at], *ends)
         place, lobe = torch.nonzero(turns[some], as_tuple=True)
         first, last = (motion.exact(lobes[some[place] + step, lobe]) for step in (0, 1))
         middle = motion.between(first, frames.align(last, first), torch.tensor(0.5))
-        stray = _irradiance(middle) - (before + after)[place, lobe] / 2
+        both = at[place, 1], at[place, 2]
+        stray = _irradiance(middle) - sum(seen[each, lobe] for each in both) / 2
+        stays_broad = broad[both[0], lobe] & broad[both[1], lobe]
         for index, frame in enumerate(some.tolist()):
-            turning, every = broad[frame, lobe], torch.ones_like(broad[frame])
-            for counts, alike in ((every, ~turning), (broad[frame], turning)):
-                own = (place == index) & alike
-                if bool(own.any()):
-                    total = changes[index, counts].sum(0).abs().mean(-1)
-                    change = changes[index, lobe[own]]
-                    yield _Pair(frame, lobe[own].tolist(), stray[own], change, total, unseen[index])
+            own = place == index
+            parts = lobe[own], stray[own], stays_broad[own]
+            yield _Pair(frame, *parts, sky.at(index), every.at(index))
 
 
-def _are_broad(lobes: Lobes) -> Tensor:
-    """Tell which lobes are broad in two frames, as far as they are lit there.  [F - 1, N]."""
-    black = motion.is_black(lobes)
-    broad = is_broad(lobes) | black
-    return broad[1:] & broad[:-1] & ~(black[1:] & black[:-1])
+def _cubic(irradiance: Tensor, is_first: Tensor, is_last: Tensor) -> _Cubic:
+    """Return how far the cubic through four frames is from an even change, half-way.
 
-
-def _straying(pair: _Pair, most: Tensor, enough: Tensor) -> Iterator[int]:
-    """Yield lobes, the worst first, as long as irradiance strays less without their turn.
+    It is off by about as much as the third differences add to it. At the ends of a shot a parabola
+    stands for it, of which nothing tells by how much it is off: by all that it adds.
 
     Args:
-        pair: What two frames show.
-        most: How much it may stray.
-        enough: How much it is to stray in the end, if it strays by more than that.
+        irradiance: One frame before a pair, the pair, one after; any at the ends.  [G, 4, D]
+        is_first: Whether a pair begins the shot.  [G]
+        is_last: Whether it ends it.  [G]
     """
-    stray, left = pair.stray.sum(0), list(range(len(pair.lobes)))
-    if stray.abs().mean() <= most:
-        return
-    while left and stray.abs().mean() > enough:
-        without = (stray - pair.stray[left]).abs().mean(-1)
+    second = irradiance.diff(n=2, dim=1)  # [G, 2, D]
+    before = torch.where(is_first[:, None], second[:, 1], second[:, 0])
+    after = torch.where(is_last[:, None], second[:, 0], second[:, 1])
+    expected = -(before + after) / 16
+    is_end = (is_first | is_last)[:, None]
+    doubt = torch.where(is_end, expected, (after - before) / 16)
+    unseen = SETTINGS.unseen * irradiance[:, 1:3].mean((1, 2))
+    return _Cubic(expected, doubt.square().mean(-1) + unseen.square())
+
+
+def _straying(pair: _Pair) -> list[int]:
+    """Return the lobes whose turns irradiance speaks against, the worst first."""
+    among_broad = _at_odds(pair.stray, pair.broad, pair.sky)
+    others = torch.ones_like(pair.broad)
+    others[among_broad] = False
+    return pair.lobes[[*among_broad, *_at_odds(pair.stray, others, pair.all)]].tolist()
+
+
+def _at_odds(stray: Tensor, among: Tensor, cubic: _Cubic) -> list[int]:
+    """Return the lobes without whose turns irradiance is nearer to the cubic, the worst first.
+
+    Without each of them, chi squared is lower by more than 1: the square of what is missed, over
+    its variance.
+
+    Args:
+        stray: By how much each turn makes irradiance stray.  [K, D]
+        among: Which lobes turn.  [K]
+        cubic: What is expected of all of these.
+    """
+    missed = stray[among].sum(0) - cubic.expected
+    left, found = among.nonzero().flatten().tolist(), []
+    while left:
+        without = (missed - stray[left]).square().mean(-1)
         best = int(without.argmin())
-        if float(without[best]) >= float(stray.abs().mean()):
-            return
-        stray = stray - pair.stray[left[best]]
-        yield pair.lobes[left.pop(best)]
+        if missed.square().mean() - without[best] <= cubic.variance:
+            break
+        missed = missed - stray[left[best]]
+        found.append(left.pop(best))
+    return found
 
 
 def _free_track(lobes: Lobes, lit: Tensor, order: Tensor, frame: int, lobe: int) -> int | None:
