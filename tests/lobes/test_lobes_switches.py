@@ -68,11 +68,11 @@ def is_same(found: Lobes, given: Lobes) -> bool:
     )
 
 
-def swapped(spare: int, growth: float = 1) -> Lobes:
-    """Two broad lobes that change places after the second frame, and tracks that are dark."""
-    places = [[0, 70, *[180] * spare]] * 2 + [[70, 0, *[180] * spare]] * 2
+def swapped(spare: int, growth: float = 1, degrees: float = 70, sharpness: float = BROAD) -> Lobes:
+    """Two lobes that change places after the second frame, and tracks that are dark."""
+    places = [[0, degrees, *[180] * spare]] * 2 + [[degrees, 0, *[180] * spare]] * 2
     light = [[growth**frame, growth**frame, *[0] * spare] for frame in range(4)]
-    return shot(places, light, [BROAD] * (2 + spare))
+    return shot(places, light, [sharpness] * (2 + spare))
 
 
 def test_broad_lobes_that_change_places_fade_instead() -> None:
@@ -93,6 +93,14 @@ def test_broad_lobes_that_change_places_while_a_lamp_fades_in_fade_too() -> None
     assert stray(found, 1) < 1e-3 < stray(given, 1) / 10
     lit = (found.amplitude > 0).any(-1)
     assert lit[2:].tolist() == [[False, False, True, True, True]] * 2
+
+
+@pytest.mark.parametrize(("sharpness", "is_apart"), [(BROAD, True), (LAMP, False)])
+def test_broad_lobes_fade_that_turn_by_less_than_what_tells_of_a_lamp(
+    sharpness: float, is_apart: bool
+) -> None:
+    given = swapped(2, degrees=9, sharpness=sharpness)
+    assert is_same(switches_apart(given), given) != is_apart
 
 
 @pytest.mark.parametrize("form", list(Form))

@@ -36,8 +36,8 @@ class SwitchSettings:
     """What is told from light that moves (docs/experiments/2026-11-29-identity-switches.md).
 
     Attributes:
-        turn: Radians by which a lobe turns that may be another light. By less, turning and fading
-            look the same.
+        turn: Radians by which a lamp turns that may be another light. By less, irradiance tells
+            too little; a mirror image tells more. Broad lobes are judged however little they turn.
         unseen: Share of the mean irradiance by which fits of single frames are off.
     """
 
@@ -81,8 +81,8 @@ class _Pair:
         frame: The first of them.
         lobes: Those that turn.  [K]
         stray: By how much each turn makes irradiance stray from an even change, half-way.  [K, D]
-        broad: Which of them are broad.  [K]
-        sky: The cubic of the irradiance of broad lobes.
+        broad: Which of them are broad, and have been and stay so.  [K]
+        sky: The cubic of the irradiance of such lobes.
         all: That of all lobes.
     """
 
@@ -140,34 +140,37 @@ def fading_in_place(lobes: Lobes) -> Lobes:
 
 
 def _pairs(lobes: Lobes, marks: Tensor) -> Iterator[_Pair]:
-    """Yield the pairs of frames in which marked lobes turn; none of a shot of two frames.
+    """Yield the pairs of frames in which marked lobes may be given another place.
+
+    None of a shot of two frames, which tell nothing.
 
     Args:
         lobes: A shot.  [F, N, .]
         marks: Lobes from one frame to the next.  [F - 1, N]
     """
     count = len(lobes.axes)
+    is_sky = is_broad(lobes) | motion.is_black(lobes)
+    stays_broad = is_sky[1:] & is_sky[:-1]
     angle = (lobes.axis_z[1:] * lobes.axis_z[:-1]).sum(-1).clamp(-1, 1).acos()
-    turns = marks & (angle > SETTINGS.turn)
+    turns = marks & (stays_broad | (angle > SETTINGS.turn))
     if count < 3:
         return
     for some in torch.nonzero(turns.any(-1)).flatten().split(AT_ONCE):
         around = (some[:, None] + torch.arange(-1, 3)).clamp(0, count - 1)
         numbers = around.unique()
         at = torch.searchsorted(numbers, around)  # [G, 4]
-        seen, broad = _irradiance(motion.exact(lobes[numbers])), is_broad(lobes[numbers])
+        seen = _irradiance(motion.exact(lobes[numbers]))  # [., N, D]
         ends = some == 0, some == count - 2
-        sky = _cubic((seen * broad[..., None]).sum(1)[at], *ends)
+        in_sky = is_sky[around].all(1)  # [G, N]; one that is a lamp in between would make it jump
+        sky = _cubic((seen[at] * in_sky[:, None, :, None]).sum(2), *ends)
         every = _cubic(seen.sum(1)[at], *ends)
         place, lobe = torch.nonzero(turns[some], as_tuple=True)
         first, last = (motion.exact(lobes[some[place] + step, lobe]) for step in (0, 1))
         middle = motion.between(first, frames.align(last, first), torch.tensor(0.5))
-        both = at[place, 1], at[place, 2]
-        stray = _irradiance(middle) - sum(seen[each, lobe] for each in both) / 2
-        stays_broad = broad[both[0], lobe] & broad[both[1], lobe]
+        stray = _irradiance(middle) - (seen[at[place, 1], lobe] + seen[at[place, 2], lobe]) / 2
         for index, frame in enumerate(some.tolist()):
             own = place == index
-            parts = lobe[own], stray[own], stays_broad[own]
+            parts = lobe[own], stray[own], in_sky[index, lobe[own]]
             yield _Pair(frame, *parts, sky.at(index), every.at(index))
 
 
@@ -203,8 +206,8 @@ def _straying(pair: _Pair) -> list[int]:
 def _at_odds(stray: Tensor, among: Tensor, cubic: _Cubic) -> list[int]:
     """Return the lobes without whose turns irradiance is nearer to the cubic, the worst first.
 
-    Without each of them, chi squared is lower by more than 1: the square of what is missed, over
-    its variance.
+    Each brings it nearer by more than the doubt: the variance of the cubic, and what is missed
+    without all of them, which no turn explains. All are squares, in the mean over normals.
 
     Args:
         stray: By how much each turn makes irradiance stray.  [K, D]
@@ -212,15 +215,19 @@ def _at_odds(stray: Tensor, among: Tensor, cubic: _Cubic) -> list[int]:
         cubic: What is expected of all of these.
     """
     missed = stray[among].sum(0) - cubic.expected
-    left, found = among.nonzero().flatten().tolist(), []
+    squares, found = [missed.square().mean()], []
+    left = among.nonzero().flatten().tolist()
     while left:
         without = (missed - stray[left]).square().mean(-1)
         best = int(without.argmin())
-        if missed.square().mean() - without[best] <= cubic.variance:
+        if without[best] >= squares[-1]:
             break
         missed = missed - stray[left[best]]
+        squares.append(without[best])
         found.append(left.pop(best))
-    return found
+    gains = -torch.stack(squares).diff()
+    is_worth = (gains > cubic.variance + squares[-1]).tolist()
+    return found[: [*is_worth, False].index(False)]
 
 
 def _free_track(lobes: Lobes, lit: Tensor, order: Tensor, frame: int, lobe: int) -> int | None:
