@@ -33,7 +33,7 @@ from asglight.sphere.quadrature import fibonacci_directions
 
 @dataclass(frozen=True)
 class SwitchSettings:
-    """What is told from light that moves (docs/experiments/2026-11-29-identity-switches.md).
+    """What is told from light that moves (docs/experiments/2026-11-29-smooth-irradiance.md).
 
     Attributes:
         turn: Radians by which a lamp turns that may be another light. By less, irradiance tells
