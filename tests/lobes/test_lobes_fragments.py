@@ -6,24 +6,14 @@ from dataclasses import replace
 
 import pytest
 import torch
+from horizon_lobes import lobes_at
 
 from asglight.lobes import Form, Lobes, asg
 from asglight.lobes.data import stack
-from asglight.lobes.frames import axes_around
 from asglight.lobes.identity.fragments import fragments_joined
 
 LAMP = 400.0
 """Sharpness: a sigma of 2 degrees."""
-
-
-def lobes_at(degrees: Sequence[float], light: Sequence[float], sharpness: Sequence[float]) -> Lobes:
-    """Return round lobes on a tilted great circle, each with a flux."""
-    angle = torch.deg2rad(torch.tensor(degrees, dtype=torch.float64))
-    axis_z = torch.stack([angle.sin(), 0.6 * angle.cos(), 0.8 * angle.cos()], -1)
-    shape = torch.tensor(sharpness, dtype=torch.float64)[:, None].expand(-1, 2)
-    unit = Lobes(axes_around(axis_z), shape, torch.ones(len(degrees), 3, dtype=torch.float64))
-    flux = torch.tensor(light, dtype=torch.float64)[:, None]
-    return replace(unit, amplitude=(flux / asg.integral(unit)[:, None]).expand(-1, 3))
 
 
 def handed_over(

@@ -7,26 +7,16 @@ from dataclasses import replace
 
 import pytest
 import torch
+from horizon_lobes import lobes_at
 from torch import Tensor
 
 from asglight.lobes import Form, Lobes, LobeTracks, asg, motion
 from asglight.lobes.data import stack
 from asglight.lobes.fading import carried_on
-from asglight.lobes.frames import axes_around
 from asglight.lobes.identity.switches import fading_in_place, switches_apart
 
 BROAD, LAMP = 3.0, 2000.0
 """Sharpness: sigmas of 23 and 0.9 degrees."""
-
-
-def lobes_at(degrees: Sequence[float], light: Sequence[float], sharpness: Sequence[float]) -> Lobes:
-    """Return round lobes on the horizon, each with a flux."""
-    angle = torch.deg2rad(torch.tensor(degrees, dtype=torch.float64))
-    axis_z = torch.stack([angle.sin(), torch.zeros_like(angle), angle.cos()], -1)
-    shape = torch.tensor(sharpness, dtype=torch.float64)[:, None].expand(-1, 2)
-    unit = Lobes(axes_around(axis_z), shape, torch.ones(len(degrees), 3, dtype=torch.float64))
-    flux = torch.tensor(light, dtype=torch.float64)[:, None]
-    return replace(unit, amplitude=(flux / asg.integral(unit)[:, None]).expand(-1, 3))
 
 
 def shot(

@@ -5,8 +5,9 @@ A lamp that turns by tens of degrees a frame may leave its lobe behind. The lobe
 of another track is lit where the lamp is now. Between the frames light would fade out here and in
 there. Tracking calls such pieces of one path fragments.
 
-Two pieces are one path if the motion before or after leads from one to the other: a lamp that
-turned by 30 degrees will do so again. Lamps that are switched do not move, and stay apart.
+Two pieces are one path if the motion of the frame before, of the frame after, or the mean of both
+leads from one to the other: a lamp that turned by 30 degrees will do so again. Lamps that are
+switched do not move, and stay apart.
 
 Symbols: E ends of paths.
 """
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from asglight.lobes import asg, motion
+from asglight.lobes import asg, frames, motion
 from asglight.lobes.data import Lobes
 
 
@@ -46,7 +47,7 @@ class _Ends(NamedTuple):
     Attributes:
         frame: The frame of each.  [E]
         lobe: The track.  [E]
-        direction: Where it is.  [E, 3]
+        axes: Its frame.  [E, 3, 3]
         turn: Rotation vector from one frame to the next, along the path.  [E, 3]
         is_known: Whether the path has two frames to tell that.  [E]
         size: Logarithms of flux and of sharpness over two, which is that of width.  [E, 2]
@@ -54,7 +55,7 @@ class _Ends(NamedTuple):
 
     frame: Tensor
     lobe: Tensor
-    direction: Tensor
+    axes: Tensor
     turn: Tensor
     is_known: Tensor
     size: Tensor
@@ -88,7 +89,7 @@ def fragments_joined(lobes: Lobes) -> Lobes:
 
 def _pairs(last: _Ends, first: _Ends) -> list[tuple[int, int]]:
     """Return which last and first lobes of two frames are one path, the surest first."""
-    turn = _turn(last.direction[:, None], first.direction)  # [E, E', 3]
+    turn = _turn(last.axes[:, None], first.axes)  # [E, E', 3]
     known = torch.stack(
         [last.is_known[:, None].expand(turn.shape[:2]), first.is_known.expand(turn.shape[:2])]
     )[..., None]
@@ -118,14 +119,15 @@ def _ends(lobes: Lobes, lit: Tensor, places: Tensor, step: int) -> _Ends:
     own = motion.exact(lobes[frame, lobe])
     inner = (frame + step).clamp(0, len(lit) - 1)
     is_known = lit[inner, lobe] & (inner != frame)
-    turn = step * _turn(own.axis_z, motion.exact(lobes[inner, lobe]).axis_z)
+    turn = step * _turn(own.axes, motion.exact(lobes[inner, lobe]).axes)
     size = torch.stack([asg.flux(own).sum(-1).log(), own.sharpness.log().mean(-1) / 2], -1)
-    return _Ends(frame, lobe, own.axis_z, turn, is_known, size)
+    return _Ends(frame, lobe, own.axes, turn, is_known, size)
 
 
 def _turn(start: Tensor, end: Tensor) -> Tensor:
-    """Return the rotation vectors between directions, the shortest way.  [..., 3] each."""
-    axis = torch.linalg.cross(*torch.broadcast_tensors(start, end))
-    sine = axis.norm(dim=-1, keepdim=True)
-    angle = torch.atan2(sine, (start * end).sum(-1, keepdim=True))
-    return axis * angle / sine.clamp(min=torch.finfo(axis.dtype).tiny)
+    """Return how axis z of frames turns to that of others, as rotation vectors.
+
+    [..., 3, 3] each; result [..., 3].
+    """
+    axis, swing, _ = frames.swing_and_twist(*torch.broadcast_tensors(start, end))
+    return axis * swing[..., None]

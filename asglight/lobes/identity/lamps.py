@@ -17,9 +17,9 @@ from asglight.lobes import asg
 from asglight.lobes.data import Lobes
 
 BROAD = math.radians(15)
-"""Sigma, the root mean square of both axes, above which a lobe is broad and shows no lamp. Half-way
-between frames of lamps that fade over into each other irr is .6 to .9 of what it is where broad
-lobes are judged with all others (switches.py)."""
+"""Sigma, the root mean square of both axes, above which a lobe is broad and shows no lamp. Where
+broad lobes are judged by themselves first (switches.py), irr half-way between frames is lower by up
+to 6 % (docs/experiments/2026-11-29-smooth-irradiance.md)."""
 
 BRIGHT_SHARE = 0.1
 """Of the brightest on the way: where less is seen, something dark lies between two lamps. With 0.3

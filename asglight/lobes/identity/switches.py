@@ -149,12 +149,12 @@ def _pairs(lobes: Lobes, marks: Tensor) -> Iterator[_Pair]:
         marks: Lobes from one frame to the next.  [F - 1, N]
     """
     count = len(lobes.axes)
+    if count < 3:
+        return
     is_sky = is_broad(lobes) | motion.is_black(lobes)
     stays_broad = is_sky[1:] & is_sky[:-1]
     angle = (lobes.axis_z[1:] * lobes.axis_z[:-1]).sum(-1).clamp(-1, 1).acos()
     turns = marks & (stays_broad | (angle > SETTINGS.turn))
-    if count < 3:
-        return
     for some in torch.nonzero(turns.any(-1)).flatten().split(AT_ONCE):
         around = (some[:, None] + torch.arange(-1, 3)).clamp(0, count - 1)
         numbers = around.unique()
